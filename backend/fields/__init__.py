@@ -1,0 +1,1 @@
+"""Grids of directions and the tracing of strands through them."""

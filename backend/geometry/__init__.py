@@ -1,0 +1,1 @@
+"""Strands, frames, heads and the scalp space."""

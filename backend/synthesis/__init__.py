@@ -1,0 +1,1 @@
+"""Example-based synthesis of hairstyles (Wang et al. 2009)."""
