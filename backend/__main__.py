@@ -1,0 +1,5 @@
+"""`python -m hairloom`."""
+
+from .cli import main
+
+raise SystemExit(main())
