@@ -25,7 +25,7 @@ def resample_values(points: Floats, offsets: Int32, values: Floats, out: Floats)
         for i in range(first, last):
             squared = 0.0
             for axis in range(3):
-                step = np.float64(points[i + 1, axis]) - np.float64(points[i, axis])
+                step = float(points[i + 1, axis]) - float(points[i, axis])
                 squared += step * step
             reached[i + 1 - first] = reached[i - first] + math.sqrt(squared)
         total = reached[last - first]

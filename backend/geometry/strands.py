@@ -55,9 +55,9 @@ def resample(strands: StrandSet, n_points: int) -> Float32:
 
 
 def resample_set(strands: StrandSet, n_points: int) -> StrandSet:
-    """`resample` with the attributes: floating point attributes are interpolated, others take the nearest sample's.
+    """`resample` with attributes: floating point ones are interpolated, others take the value of the nearest point.
 
-    The nearest is taken in arc length between the two ends of a segment; strand attributes are kept.
+    "Nearest" is in arc length along the strand. Strand attributes are kept.
     """
     dense = from_dense(resample(strands, n_points), strands.strand_attributes)
     points = np.ascontiguousarray(strands.points)
@@ -85,9 +85,7 @@ def strand_lengths(strands: StrandSet) -> Float64:
 
 def polyline_lengths(points: Floats) -> Float64:
     """(S,) float64, the length of each strand of dense points (S, N, 3)."""
-    require(
-        points.ndim == 3 and points.shape[2] == 3, f"dense strands must have shape (S, N, 3), not {points.shape}"
-    )
+    require(points.ndim == 3 and points.shape[2] == 3, f"dense strands must have shape (S, N, 3), not {points.shape}")
     return np.asarray(_row_lengths(np.diff(points, axis=1)).sum(axis=1), dtype=np.float64)
 
 
@@ -133,9 +131,9 @@ def select_strands(strands: StrandSet, chosen: ArrayLike) -> StrandSet:
 
 
 def join_strands(parts: Sequence[StrandSet]) -> StrandSet:
-    """One set with the strands of all parts in order; an attribute is kept when every part has it in one dtype and shape.
+    """One set with the strands of all parts in order; no parts give an empty set.
 
-    No parts give an empty set.
+    An attribute is kept when every part has it, in one dtype and shape.
     """
     n_points = sum(len(part.points) for part in parts)
     require(n_points <= MAX_POINTS, f"{n_points} points are too many for one set; join fewer strands")
