@@ -95,7 +95,9 @@ def _region(path: str | None, head: Head) -> Bools | None:
     arrays = read_arrays(path)
     if "mask" in arrays:
         mask = np.asarray(arrays["mask"], dtype=np.bool_)
-        require(mask.shape == head.scalp.shape, f"{path}: the mask has {mask.size} values for {head.scalp.size} triangles")
+        require(
+            mask.shape == head.scalp.shape, f"{path}: the mask has {mask.size} values for {head.scalp.size} triangles"
+        )
         return mask
     require("triangles" in arrays, f"{path} has neither 'mask' nor 'triangles'; store one of them")
     indices = np.asarray(arrays["triangles"])
@@ -109,9 +111,7 @@ def _region(path: str | None, head: Head) -> Bools | None:
 
 def _synthesis_params(options: argparse.Namespace) -> SynthesisParams:
     params = SynthesisParams(seed=options.seed)
-    wisps = replace(
-        params.hierarchy.wisps, n_wisps=options.k0, error_threshold=options.epsilon, seed=options.seed
-    )
+    wisps = replace(params.hierarchy.wisps, n_wisps=options.k0, error_threshold=options.epsilon, seed=options.seed)
     hierarchy: HierarchyParams = replace(params.hierarchy, n_levels=options.levels, wisps=wisps)
     return replace(params, hierarchy=hierarchy, n_strands=getattr(options, "strands", 0))
 
@@ -201,7 +201,9 @@ def _add_wisps(parser: argparse.ArgumentParser) -> None:
     defaults = SynthesisParams()
     wisps = defaults.hierarchy.wisps
     parser.add_argument("--levels", type=int, default=defaults.hierarchy.n_levels, help="levels of the hierarchy")
-    parser.add_argument("--epsilon", type=float, default=wisps.error_threshold, help="fitting error, head radii squared")
+    parser.add_argument(
+        "--epsilon", type=float, default=wisps.error_threshold, help="fitting error, head radii squared"
+    )
     parser.add_argument("--k0", type=int, default=wisps.n_wisps, help="initial number of wisps")
     parser.add_argument("--seed", type=int, default=0, help="random seed")
 

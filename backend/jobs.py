@@ -53,9 +53,7 @@ def run_synthesize(inputs: Values, params: SynthesisParams, progress: Progress) 
     """strands, head, region (or None) -> strands, surface_triangle, surface_barycentric, report."""
     head = inputs["head"]
     example = analyze(inputs["strands"], head, params, progress=subrange(progress, 0.0, 0.3))
-    result = synthesize_from(
-        example, head, params, region=inputs.get("region"), progress=subrange(progress, 0.3, 0.95)
-    )
+    result = synthesize_from(example, head, params, region=inputs.get("region"), progress=subrange(progress, 0.3, 0.95))
     progress(0.95, "Comparing the styles")
     style = compare_styles(example.hierarchy.levels[0], result.levels[0], seed=params.seed)
     return {

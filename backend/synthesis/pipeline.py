@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import require
-from ..geometry.head import region_area
 from ..geometry.roots import Roots, scatter_roots
 from ..geometry.scalp_space import ScalpSpace, fit_scalp_space, root_strands, unroot_strands
 from ..progress import NO_PROGRESS, Progress, subrange
@@ -38,7 +37,9 @@ class SynthesisParams:
     hierarchy: HierarchyParams = field(default_factory=HierarchyParams)
     texture: TextureParams = field(default_factory=TextureParams)
     transfer: TransferParams = field(default_factory=TransferParams)
-    refine: RefineParams = field(default_factory=RefineParams)  # spacing is the coarsest level's, halved per finer level
+    refine: RefineParams = field(
+        default_factory=RefineParams
+    )  # spacing is the coarsest level's, halved per finer level
     use_refinement: bool = True
     seed: int = 0
 
@@ -106,6 +107,16 @@ def level_counts(example: WispHierarchy, area_ratio: float, n_strands: int) -> t
     if n_strands > 0:
         counts[0] = n_strands
     return tuple(counts)
+
+
+def region_area(head: Head, region: Bools) -> float:
+    """Area of the triangles `region` (F,) bool of the head, square metres; InputError if there is none."""
+    require(region.shape == head.scalp.shape, f"the region has {region.size} triangles, the head {head.scalp.size}")
+    corners = head.vertices[head.triangles[region]].astype(np.float64)
+    doubled = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    area = float(doubled.sum()) / 2
+    require(area > 0, "the scalp region has no area; choose faces of the head where hair shall grow")
+    return area
 
 
 def place_roots(space: ScalpSpace, roots: Roots, n_points: int) -> RootedStrands:

@@ -54,7 +54,9 @@ def curvature_and_torsion(points: Float32) -> tuple[Float64, Float64]:
     sines = np.linalg.norm(bends, axis=2)
     turning = np.arctan2(sines, np.einsum("sni,sni->sn", edges[:, :-1], edges[:, 1:]))
     total = lengths.sum(axis=1)
-    twist_sines = np.einsum("sni,sni->sn", np.cross(bends[:, :-1], bends[:, 1:]), edges[:, 1:-1] / lengths[:, 1:-1, None])
+    twist_sines = np.einsum(
+        "sni,sni->sn", np.cross(bends[:, :-1], bends[:, 1:]), edges[:, 1:-1] / lengths[:, 1:-1, None]
+    )
     twists = np.abs(np.arctan2(twist_sines, np.einsum("sni,sni->sn", bends[:, :-1], bends[:, 1:])))
     weights = turning[:, :-1] * turning[:, 1:]
     rates = twists / lengths[:, 1:-1]

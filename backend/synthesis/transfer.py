@@ -145,7 +145,9 @@ def transfer_details(
     ------
     InputError : no such level, or strands of different point counts.
     """
-    require(0 <= level < example.n_levels - 1, f"the example has no wisps at level {level}; use 0..{example.n_levels - 2}")
+    require(
+        0 <= level < example.n_levels - 1, f"the example has no wisps at level {level}; use 0..{example.n_levels - 2}"
+    )
     fine, coarse, in_wisps = example.levels[level], example.levels[level + 1], example.labels[level]
     if wisps is None:
         wisps = assign_to_centers(roots.uv, centers.uv)

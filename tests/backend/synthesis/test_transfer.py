@@ -25,16 +25,12 @@ def hemisphere_strands(rng, n_strands, n_points=24):
     normal = np.stack([np.sin(polar) * np.cos(azimuth), np.cos(polar), np.sin(polar) * np.sin(azimuth)], axis=1)
     axis = np.cross([0.0, 1.0, 0.0], normal)
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    frames = np.stack(
-        [_rotate(np.eye(3)[k], axis, polar) for k in range(3)], axis=2
-    )  # columns R x, R y, R z
+    frames = np.stack([_rotate(np.eye(3)[k], axis, polar) for k in range(3)], axis=2)  # columns R x, R y, R z
     t = np.linspace(0, 1, n_points)[None, :, None]
     bend = rng.normal(size=(n_strands, 1, 3)) * 0.15 + np.array([0.5, 0.2, 0.1])
     wave = 0.05 * np.sin(12 * t + rng.uniform(0, 6, (n_strands, 1, 1))) * np.array([0.0, 0.3, 1.0])
     points = t * np.array([0.1, 0.6, 0.0]) + t**2 * bend + wave - wave[:, :1]
-    uv = np.stack(
-        [np.arctan2(normal[:, 1] + 1, normal[:, 0]), np.arctan2(normal[:, 1] + 1, normal[:, 2])], axis=1
-    )
+    uv = np.stack([np.arctan2(normal[:, 1] + 1, normal[:, 0]), np.arctan2(normal[:, 1] + 1, normal[:, 2])], axis=1)
     return RootedStrands(*(np.ascontiguousarray(a, dtype=np.float32) for a in (normal, frames, uv, points)))
 
 
