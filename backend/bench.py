@@ -52,8 +52,8 @@ def run_benchmarks(job: str | None, *, quick: bool, out: Path | None) -> dict[st
         if job in (None, name):
             rows += [{"job": name, **row} for row in _load(path).run(quick=quick)]
     if out is not None:
-        with atomic_write(out) as temporary:
-            Path(temporary).write_text(as_markdown(rows, job), encoding="utf-8")
+        with atomic_write(out) as stream:
+            stream.write(as_markdown(rows, job).encode())
     return {"machine": machine(), "rows": rows}
 
 
@@ -66,7 +66,8 @@ def machine() -> str:
             line.split(":")[1].strip() for line in cpuinfo.read_text().splitlines() if line.startswith("model name")
         ]
         model = names[0] if names else model
-    return f"{model}, {os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}, numpy {np.__version__}"
+    versions = f"Python {platform.python_version()}, numpy {np.__version__}"
+    return f"{model}, {os.cpu_count()} cores, {platform.system()}, {versions}"
 
 
 def as_markdown(rows: list[Row], job: str | None) -> str:

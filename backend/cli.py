@@ -21,8 +21,10 @@ from .errors import HairloomError, require
 from .geometry.head import default_head, find_scalp, read_head
 from .geometry.strands import strand_lengths
 from .io.bundle import write_bundle
+from .io.files import read_file
 from .io.npz import read_arrays
-from .io.strands import Units, parse_units, read_strands, write_strands
+from .io.strands import read_strands, write_strands
+from .io.units import Units
 from .progress import Progress
 from .synthesis.hierarchy import HierarchyParams
 from .synthesis.pipeline import SynthesisParams, analyze, synthesize_from
@@ -78,7 +80,7 @@ def _strands(options: argparse.Namespace) -> StrandSet:
 
 
 def _units(text: str | None) -> Units | None:
-    return parse_units(text) if text else None
+    return Units.parse(text) if text else None
 
 
 def _head(options: argparse.Namespace, strands: StrandSet) -> Head:
@@ -89,10 +91,10 @@ def _head(options: argparse.Namespace, strands: StrandSet) -> Head:
 
 
 def _region(path: str | None, head: Head) -> Bools | None:
-    """A scalp region: an .npz with `triangles` (indices) or `mask` (one bool a triangle), or plain text indices."""
+    """A scalp region: an .npz with `triangles` (indices) or `mask` (one bool a triangle)."""
     if path is None:
         return None
-    arrays = read_arrays(path)
+    arrays = read_arrays(Path(path), read_file(Path(path)))
     if "mask" in arrays:
         mask = np.asarray(arrays["mask"], dtype=np.bool_)
         require(

@@ -1,7 +1,7 @@
 """The data that travels between the parts of Hairloom: frozen dataclasses of checked arrays.
 
-World space is Blender's: metres, z up. Head space is the paper's (Wang et al. 2009, sec. 3): origin at the centre of the
-head's hemisphere, y up, the head radius as unit; `geometry.scalp_space.ScalpSpace` converts.
+World space is Blender's: metres, z up. Head space is the paper's (Wang et al. 2009, sec. 3): origin at the centre of
+the head's hemisphere, y up, the head radius as unit; `geometry.scalp_space.ScalpSpace` converts.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ class RootedStrands:
 
 @dataclass(frozen=True, slots=True)
 class WispHierarchy:
-    """Levels of a hairstyle (Wang et al. 2009, sec. 4): level 0 is the hair, level l + 1 the centers of level l's wisps.
+    """Levels of a hairstyle (Wang et al. 2009, sec. 4): level 0 is the hair, level l + 1 the centers of its wisps.
 
     levels : L sets of strands, finest first.
     labels : L - 1 arrays; labels[l] (S_l,) int32 is the wisp of each strand of level l, a strand index of level l + 1.

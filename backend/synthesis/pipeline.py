@@ -1,4 +1,4 @@
-"""Example-based hair synthesis, end to end (Wang et al. 2009, sec. 5 and Fig. 1): a list of stages that also run alone."""
+"""Example-based hair synthesis, end to end (Wang et al. 2009, sec. 5 and Fig. 1): its stages also run alone."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..errors import require
 from ..geometry.roots import Roots, scatter_roots
 from ..geometry.scalp_space import ScalpSpace, fit_scalp_space, root_strands, unroot_strands
 from ..progress import NO_PROGRESS, Progress, subrange
-from ..types import Bools, FeatureMap, Float32, Head, Int32, RootedStrands, StrandSet, WispHierarchy
+from ..types import Bools, FeatureMap, Float32, Float64, Head, Int32, RootedStrands, StrandSet, WispHierarchy
 from .features import FeatureBasis, feature_map, fit_features, sample_map
 from .hierarchy import HierarchyParams, build_hierarchy
 from .refinement import RefineParams, RefineReport, refine
@@ -145,7 +145,7 @@ def synthesize_coarsest(
     return roots.with_points(_decode_at(basis, texture.map, roots.uv)), example_map, texture
 
 
-def _output_grid(uv: Float32, spacing: float) -> tuple[np.ndarray, Bools]:
+def _output_grid(uv: Float32, spacing: float) -> tuple[Float64, Bools]:
     """Origin and mask of a grid that has a cell at, and around, every root."""
     low = np.floor(uv.min(axis=0).astype(np.float64) / spacing) - 1
     cells = np.rint(uv / spacing - low).astype(np.int64)
@@ -225,7 +225,7 @@ def synthesize_from(
     progress(1.0, "Done")
     return SynthesisResult(
         unroot_strands(current, space), scattered[0], tuple(levels[::-1]), example_map, texture.map,
-        tuple(donors[::-1]), texture.energies, tuple(r for r in reports if r is not None),
+        tuple(donors[::-1]), tuple(map(float, texture.energies)), tuple(r for r in reports if r is not None),
     )  # fmt: skip
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import ks_2samp
 
@@ -12,6 +14,7 @@ from ..geometry.strands import polyline_lengths
 from ..types import Float32, Float64, RootedStrands
 from .wisps import WispParams, cluster_wisps
 
+Ints = NDArray[np.integer[Any]]
 ROOT_NEIGHBOURS = 8  # strands "at the same root": the usual number of Delaunay neighbours and a little more
 
 
@@ -94,7 +97,7 @@ def copied_share(example: RootedStrands, result: RootedStrands) -> float:
     return float((distances < own_nearest[similar]).mean())
 
 
-def _nearest(points: Float32, others: Float32, candidates: np.ndarray) -> tuple[np.ndarray, Float64]:
+def _nearest(points: Float32, others: Float32, candidates: Ints) -> tuple[Ints, Float64]:
     """For each strand the most similar of its candidates, and the squared distance (sum over points)."""
     best = np.full(len(points), np.inf)
     chosen = candidates[:, 0].copy()

@@ -97,7 +97,7 @@ def match_wisps(out_centers: RootedStrands, in_centers: RootedStrands, n_feature
 def _root_offsets(roots: Float32, wisps: Int32, centers: RootedStrands, frames: Float32) -> Float32:
     """(S, 3) float32: displacement of each root from its center's root, in the center's aligned frame."""
     offsets = roots - centers.roots[wisps]
-    return np.einsum("sij,si->sj", frames[wisps], offsets).astype(np.float32)
+    return np.asarray(np.einsum("sij,si->sj", frames[wisps], offsets), dtype=np.float32)
 
 
 def _point_frames(centers_in_head_space: Float32, aligned: Float32) -> Float32:
@@ -131,8 +131,8 @@ def transfer_details(
     """Give the strands of one output level their shape: center strand plus displacements of the example.
 
     Each output strand belongs to the nearest center (W-21); each center is matched with the input wisp of most similar
-    center (W-22); within it the input strand with the most similar root displacement is the donor, whose relative (eq. 5)
-    and absolute (eq. 6) displacements are blended from root to tip (eqs. 7 and 8 as corrected; W-23, W-24).
+    center (W-22); within it the input strand with the most similar root displacement is the donor. Its relative (eq.
+    5) and absolute (eq. 6) displacements are blended from root to tip (eqs. 7 and 8 as corrected; W-23, W-24).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The command line as a pipeline person meets it: results, exit status, one line for bad input, nothing half-written."""
+"""The command line as a pipeline person meets it: results, exit status, one line for bad input, no half files."""
 
 import json
 import subprocess
@@ -61,8 +61,8 @@ def test_synthesize_with_count_seed_and_region(groom, tmp_path, capsys):
     np.savez(tmp_path / "left.npz", mask=left)
     out = tmp_path / "new.npz"
     report = run_json(
-        capsys, "synthesize", groom, out, "--strands", 120, "--k0", 20, "--levels", 2, "--region", tmp_path / "left.npz",
-        "--compare",
+        capsys, "synthesize", groom, out, "--strands", 120, "--k0", 20, "--levels", 2, "--region",
+        tmp_path / "left.npz", "--compare",
     )  # fmt: skip
     made = read_strands(out)
     assert made.n_strands == report["strands"] == 120
