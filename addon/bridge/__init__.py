@@ -1,0 +1,1 @@
+"""Between Blender's data and the backend's arrays: the only bulk readers and writers."""

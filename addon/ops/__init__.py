@@ -1,0 +1,28 @@
+"""The operators, one a file."""
+
+from __future__ import annotations
+
+import bpy
+
+from . import (
+    add_head,
+    add_starter_groom,
+    attach_to_head,
+    cancel_job,
+    clean_up,
+    cluster_wisps,
+    export_groom,
+    extract_centers,
+    import_groom,
+    set_up_head,
+    show_wisps,
+    synthesize,
+    warm_up,
+)
+
+_MODULES = (
+    add_head, set_up_head, import_groom, export_groom, add_starter_groom, attach_to_head, clean_up, cluster_wisps,
+    show_wisps, extract_centers, synthesize, cancel_job, warm_up,
+)  # fmt: skip
+
+register, unregister = bpy.utils.register_classes_factory([cls for module in _MODULES for cls in module.CLASSES])

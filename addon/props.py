@@ -1,0 +1,196 @@
+"""Settings of the scene: a PropertyGroup for each Params class of the backend, and what only Blender knows.
+
+The defaults repeat those of the Params classes, which must not be imported when the add-on is enabled;
+`tests/blender/test_props.py` compares them.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+from bpy.props import BoolProperty, FloatProperty, IntProperty, IntVectorProperty, PointerProperty, StringProperty
+
+
+class ParamsGroup:
+    """Mixin: a PropertyGroup whose properties are the fields of a Params class."""
+
+    def to_params(self) -> dict[str, Any]:
+        """The settings as a nested dict, as `registry.run_job` takes them."""
+        return {name: _plain(getattr(self, name)) for name in self.setting_names()}
+
+    @classmethod
+    def setting_names(cls) -> tuple[str, ...]:
+        """The settings of this group in order, groups within it included."""
+        return tuple(cls.__annotations__)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, ParamsGroup):
+        return value.to_params()
+    if isinstance(value, float):
+        # Blender keeps float32; back to the number that was typed, so that panel and command line agree to the bit
+        return float(f"{value:.7g}")
+    return value
+
+
+class WispSettings(ParamsGroup, bpy.types.PropertyGroup):
+    """Settings of the finest level's wisps"""
+
+    n_wisps: IntProperty(
+        name="Wisps", default=200, min=1, soft_max=2000, max=1_000_000,
+        description="Number of wisps to start with; more are added where strands differ too much from their wisp",
+    )  # fmt: skip
+    error_threshold: FloatProperty(
+        name="Largest Error", default=0.2, min=1e-4, soft_min=0.02, soft_max=1.0, max=1000.0, precision=3, step=1,
+        description="How much a strand may differ from its wisp's center: the sum of squared distances over its points, "
+        "in head radii squared. 0.1 to 0.3 suits most hair; smaller values give more wisps",
+    )  # fmt: skip
+    adaptive: BoolProperty(
+        name="Adaptive", default=True,
+        description="Split wisps until no strand differs from its wisp by more than the largest error",
+    )  # fmt: skip
+    max_iterations: IntProperty(
+        name="Iterations", default=40, min=1, soft_max=100, max=10_000,
+        description="Most iterations of the clustering; it stops earlier when nothing changes",
+    )  # fmt: skip
+    seed: IntProperty(name="Seed", default=0, min=0, description="Another number starts from other strands")
+
+
+class HierarchySettings(ParamsGroup, bpy.types.PropertyGroup):
+    """Settings of the levels of wisps"""
+
+    n_levels: IntProperty(
+        name="Levels", default=3, min=2, max=4,
+        description="Levels of the hairstyle, strands included: 2 for spiky hair, 3 for most other hair",
+    )  # fmt: skip
+    ratio: FloatProperty(
+        name="Wisps per Coarser Wisp", default=4.0, min=1.01, soft_min=2.0, soft_max=10.0, max=1000.0, precision=1,
+        description="How many wisps of a level go into one wisp of the next coarser level",
+    )  # fmt: skip
+    wisps: PointerProperty(type=WispSettings)
+
+
+class TextureSettings(ParamsGroup, bpy.types.PropertyGroup):
+    """Settings of the texture optimisation, which lays out the coarsest wisps"""
+
+    window_sizes: IntVectorProperty(
+        name="Windows", default=(32, 16, 8), size=3, min=0, soft_min=4, soft_max=64, max=512,
+        description="Sizes of the pieces of the example that are fitted together, in cells of the feature map, largest "
+        "first; 0 leaves a size out",
+    )  # fmt: skip
+    n_scales: IntProperty(
+        name="Scales", default=3, min=1, max=8,
+        description="Resolutions of the feature map that are worked on in turn, each half as fine as the next",
+    )  # fmt: skip
+    n_iterations: IntProperty(
+        name="Iterations", default=10, min=1, soft_max=50, max=1000,
+        description="Most iterations for each window size at each scale",
+    )  # fmt: skip
+    exponent: FloatProperty(
+        name="Robustness", default=0.8, min=0.01, soft_min=0.4, max=2.0, precision=2,
+        description="Exponent of the energy: 2 blends pieces that disagree, smaller values let one of them win",
+    )  # fmt: skip
+    layout_weight: FloatProperty(
+        name="Keep Layout", default=0.0, min=0.0, soft_max=2.0, max=1000.0, precision=2,
+        description="Pull towards pieces from the same place on the scalp; 0 lays the hairstyle out freely",
+    )  # fmt: skip
+
+    def to_params(self) -> dict[str, Any]:
+        params = super().to_params()
+        params["window_sizes"] = [size for size in self.window_sizes if size > 0]
+        return params
+
+
+class TransferSettings(ParamsGroup, bpy.types.PropertyGroup):
+    """Settings of the detail transfer, which adds the finer levels"""
+
+    n_features: IntProperty(
+        name="Features", default=16, min=1, soft_max=64, max=256,
+        description="Numbers that describe the shape of a wisp when the most similar one is searched",
+    )  # fmt: skip
+    n_donors: IntProperty(
+        name="Donors", default=1, min=1, max=16,
+        description="Example strands blended into the details of a new strand; 1 keeps details crispest",
+    )  # fmt: skip
+
+
+class RefineSettings(ParamsGroup, bpy.types.PropertyGroup):
+    """Settings of the refinement, which lets strands run together"""
+
+
+class CleanUpSettings(ParamsGroup, bpy.types.PropertyGroup):
+    """Settings of the clean-up"""
+
+
+class SynthesisSettings(ParamsGroup, bpy.types.PropertyGroup):
+    """Settings of the synthesis"""
+
+    n_strands: IntProperty(
+        name="Strands", default=0, min=0, soft_max=200_000, max=2_000_000,
+        description="Strands of the new hairstyle; 0 keeps the density of the example",
+    )  # fmt: skip
+    n_samples: IntProperty(
+        name="Points per Strand", default=64, min=4, soft_min=16, soft_max=128, max=512,
+        description="Points of each new strand, and of the strands that are compared",
+    )  # fmt: skip
+    n_features: IntProperty(
+        name="Features", default=16, min=1, soft_max=64, max=256,
+        description="Numbers that describe the shape of a strand in the feature map (principal components)",
+    )  # fmt: skip
+    map_spacing: FloatProperty(
+        name="Map Spacing", default=0.02, min=0.002, soft_min=0.01, soft_max=0.1, max=0.5, precision=3, step=0.1,
+        description="Cell size of the feature map over the scalp, in radians; the head spans about 1.6",
+    )  # fmt: skip
+    hierarchy: PointerProperty(type=HierarchySettings)
+    texture: PointerProperty(type=TextureSettings)
+    transfer: PointerProperty(type=TransferSettings)
+    refine: PointerProperty(type=RefineSettings)
+    use_refinement: BoolProperty(
+        name="Refine", default=True,
+        description="Let the strands of each level follow a common flow, so that they run together like combed hair",
+    )  # fmt: skip
+    seed: IntProperty(
+        name="Seed", default=0, min=0, description="Another number makes another hairstyle of the same kind"
+    )
+
+
+def _is_head(self: Any, obj: bpy.types.Object) -> bool:
+    return obj.type == "MESH"
+
+
+class SceneSettings(bpy.types.PropertyGroup):
+    """Hairloom's settings of a scene"""
+
+    head: PointerProperty(
+        name="Head", type=bpy.types.Object, poll=_is_head,
+        description="Mesh on which the hair grows; when empty, the mesh that the active groom is attached to",
+    )  # fmt: skip
+    scalp_group: StringProperty(
+        name="Scalp", default="Scalp",
+        description="Vertex group, or attribute of the faces, that marks where the example's hair grows",
+    )  # fmt: skip
+    region_group: StringProperty(
+        name="Region", default="",
+        description="Vertex group, or attribute of the faces, where the new hair shall grow; the whole scalp when empty",
+    )  # fmt: skip
+    clean_up: PointerProperty(type=CleanUpSettings)
+    synthesis: PointerProperty(type=SynthesisSettings)
+
+
+CLASSES = (
+    WispSettings, HierarchySettings, TextureSettings, TransferSettings, RefineSettings, CleanUpSettings,
+    SynthesisSettings, SceneSettings,
+)  # fmt: skip
+
+
+def register() -> None:
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.hairloom = PointerProperty(type=SceneSettings)
+
+
+def unregister() -> None:
+    del bpy.types.Scene.hairloom
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

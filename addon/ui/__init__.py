@@ -1,0 +1,17 @@
+"""The sidebar: panels, presets and menus draw and nothing else."""
+
+from __future__ import annotations
+
+from . import panels, presets
+
+_PARTS = (presets, panels)
+
+
+def register() -> None:
+    for part in _PARTS:
+        part.register()
+
+
+def unregister() -> None:
+    for part in reversed(_PARTS):
+        part.unregister()
