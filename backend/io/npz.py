@@ -27,6 +27,7 @@ FORMAT, VERSION = "hairloom-strands", 1
 _HEADER = re.compile(
     rb"\{'descr': '([<>|=]?[fiubU]\d{1,8})', 'fortran_order': (True|False), 'shape': \(([0-9, ]*)\), *\}\s*"
 )
+_NPY: Any = np.lib.format  # it has no type annotations in numpy 1
 _MAX_HEADER = 10_000
 # What a damaged or hostile archive makes zipfile raise.
 _ZIP_ERRORS = (
@@ -48,7 +49,7 @@ def write_arrays(stream: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as archive:
         for name, array in arrays.items():
             with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
-                np.lib.format.write_array(member, array, allow_pickle=False)
+                _NPY.write_array(member, array, allow_pickle=False)
 
 
 def read_arrays(path: Path, data: bytes) -> dict[str, NDArray[Any]]:

@@ -1,17 +1,21 @@
 """Reading and writing hair by file suffix: .hair, .data, .tfx, .ply, .obj and .npz.
 
-What each format keeps besides the points (all others are lost on writing):
+Unit and axes unless told, attributes kept (all others are lost on writing), and which strands it can or cannot hold:
 
-| suffix | unit and axes unless told | attributes kept | strands it cannot hold |
-|---|---|---|---|
-| .npz | metres, z up | all | - |
+.hair  metres, z up unless told   point radius, transparency, color (RGB)            up to 65,536 points a strand
+.data  metres, y up               none                                               strands of one point
+.tfx   metres, y up               version 4: point inverse_mass, uv, color (RGBA),   version 3, 4: one number of points
+                                  strand radius, surface_uv_coordinate
+.ply   metres, y up               point radius, color (RGB)                          one number of points a strand
+.obj   metres, y up               none                                               any
+.npz   metres, z up               all                                                any
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import IO, Any
@@ -21,7 +25,7 @@ from numpy.typing import NDArray
 
 from ..errors import FileError, InputError, require
 from ..types import StrandSet
-from . import npz, tfx
+from . import data, hair, npz, obj, ply, tfx
 from .files import atomic_write, damaged, read_file
 from .raw import Dropped, RawStrands, strands_from_raw
 from .units import METRES_Y_UP, METRES_Z_UP, PRESETS, Units
@@ -37,8 +41,12 @@ class _Format:
 
 
 _FORMATS: dict[str, _Format] = {
-    ".npz": _Format(npz.read, npz.write, METRES_Z_UP),
+    ".hair": _Format(hair.read, hair.write, METRES_Z_UP),
+    ".data": _Format(data.read, data.write, METRES_Y_UP),
     ".tfx": _Format(tfx.read, tfx.write, METRES_Y_UP),
+    ".ply": _Format(ply.read, ply.write, METRES_Y_UP),
+    ".obj": _Format(obj.read, obj.write, METRES_Y_UP),
+    ".npz": _Format(npz.read, npz.write, METRES_Z_UP),
 }
 
 
@@ -61,12 +69,16 @@ def default_units(path: str | os.PathLike[str]) -> Units:
     return _format_of(Path(path)).units
 
 
-def read_strands(path: str | os.PathLike[str], *, units: Units | None = None) -> StrandSet:
+def read_strands(
+    path: str | os.PathLike[str], *, units: Units | None = None, points_per_strand: int | None = None
+) -> StrandSet:
     """`read_strands_report` without the report."""
-    return read_strands_report(path, units=units)[0]
+    return read_strands_report(path, units=units, points_per_strand=points_per_strand)[0]
 
 
-def read_strands_report(path: str | os.PathLike[str], *, units: Units | None = None) -> tuple[StrandSet, ReadReport]:
+def read_strands_report(
+    path: str | os.PathLike[str], *, units: Units | None = None, points_per_strand: int | None = None
+) -> tuple[StrandSet, ReadReport]:
     """Read a strand file into world space (metres, z up).
 
     Strands without a point or with a NaN or infinite coordinate are set aside and counted in the report (W-1).
@@ -74,6 +86,7 @@ def read_strands_report(path: str | os.PathLike[str], *, units: Units | None = N
     Parameters
     ----------
     units : unit and axes of the file; the format's default when None.
+    points_per_strand : for .ply only, which may leave it open; None takes what the file states, or guesses (see `ply`).
 
     Raises
     ------
@@ -82,14 +95,17 @@ def read_strands_report(path: str | os.PathLike[str], *, units: Units | None = N
     path = Path(path)
     file_format = _format_of(path)
     units = units or file_format.units
-    raw = file_format.read(path, read_file(path))
-    with np.errstate(invalid="ignore", over="ignore"):
-        points = raw.points if units == METRES_Z_UP else units.to_world(raw.points)
-    scaled = replace(
-        raw,
-        points=points,
-        point_attributes=_scale_radius(dict(raw.point_attributes), units.scale_to_metres),
-        strand_attributes=_scale_radius(dict(raw.strand_attributes), units.scale_to_metres),
+    read = file_format.read
+    if points_per_strand is not None:
+        require(path.suffix.lower() == ".ply", "points_per_strand is for .ply files only")
+        require(points_per_strand >= 1, f"points_per_strand is {points_per_strand}; it must be 1 or more")
+        read = partial(ply.read, points_per_strand=points_per_strand)
+    raw = read(path, read_file(path))
+    scaled = RawStrands(
+        units.to_world(raw.points),
+        raw.counts,
+        _scale_radius(dict(raw.point_attributes), units.scale_to_metres),
+        _scale_radius(dict(raw.strand_attributes), units.scale_to_metres),
     )
     try:
         strands, dropped = strands_from_raw(scaled)
@@ -126,8 +142,7 @@ def write_strands(
     if not overwrite and path.exists():
         raise FileError(f"cannot write {path}: it exists already; choose another name or allow overwriting")
     units = units or file_format.units
-    with np.errstate(over="ignore"):
-        points = strands.points if units == METRES_Z_UP else units.from_world(strands.points).astype(np.float32)
+    points = units.from_world(strands.points)
     require(np.isfinite(points).all(), "the points are too large for a file in this unit; choose a larger unit")
     raw = RawStrands(
         points,

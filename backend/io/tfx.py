@@ -23,12 +23,11 @@ from numpy.typing import NDArray
 from ..errors import require
 from .files import array_at, damaged
 from .raw import RawStrands
-from .text import parse_numbers, tokens_before
+from .text import parse_numbers, token_starts
 
 V3_HEADER, V4_HEADER = 296, 160
 _V3_OFFSET_FIELD = 144  # every 3.0 file seen states there where its points start, 296
-_STRAND = re.compile(rb"^[ \t]*strand[ \t]+(\d{1,18})[ \t]+numVerts[ \t]+(\d{1,18})\b[^\n]*$", re.MULTILINE)
-_KEYWORD = re.compile(rb"^[ \t]*[A-DF-Za-df-z#][^\n]*$", re.MULTILINE)  # no number starts like this
+_STRAND = re.compile(rb"strand[ \t]+(\d{1,18})[ \t]+numVerts[ \t]+(\d{1,18})\b[^\n]*")
 
 
 def read(path: Path, data: bytes) -> RawStrands:
@@ -81,15 +80,16 @@ def _read_text(path: Path, data: bytes) -> RawStrands:
     counts = np.array([int(match[2]) for match in strands], dtype=np.int64)
     if counts.size and counts.max() > len(text):
         raise damaged(path, f"a strand states {counts.max()} points, more than the file holds")
-    body = _KEYWORD.sub(lambda line: b" " * len(line[0]), text[body_start:])
+    body = _STRAND.sub(lambda line: b" " * len(line[0]), text[body_start:])
     starts = np.array([match.start() - body_start for match in strands] + [len(body)], dtype=np.int64)
-    have = np.diff(tokens_before(body, starts))
+    have = np.diff(np.searchsorted(np.flatnonzero(token_starts(body)), starts))
     wrong = np.flatnonzero(have != counts * 3)
     if len(wrong):
         strand = int(wrong[0])
         reason = f"strand {strand} states {counts[strand]} points but has {have[strand]} numbers, not 3 a point"
         raise damaged(path, reason, int(starts[strand]) + body_start)
-    return RawStrands(parse_numbers(path, body, body_start).reshape(-1, 3), counts)
+    numbers = parse_numbers(path, body, lambda bad: body_start + bad)
+    return RawStrands(numbers.reshape(-1, 3), counts)
 
 
 def write(stream: IO[bytes], raw: RawStrands, version: int | None = None) -> None:

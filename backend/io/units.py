@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import require
-from ..types import Float64, Floats
+from ..types import Float32, Float64, Floats
 
 _AXES: dict[str, tuple[float, float, float]] = {
     "X": (1, 0, 0), "Y": (0, 1, 0), "Z": (0, 0, 1), "-X": (-1, 0, 0), "-Y": (0, -1, 0), "-Z": (0, 0, -1),
@@ -53,15 +53,15 @@ class Units:
     def rotation(self) -> Float64:
         """(3, 3) float64, file axes to world axes (column vectors), entries 0 and +-1."""
         up, forward = np.array(_AXES[self.up]), np.array(_AXES[self._forward])
-        return np.array([np.cross(up, forward) * -1.0, -forward, up]).astype(np.float64) + 0.0
+        return np.array([np.cross(up, forward), -forward, up]).astype(np.float64) + 0.0
 
-    def to_world(self, points: Floats) -> Floats:
-        """Points (..., 3) of the file in metres, world axes; float64."""
-        return np.asarray((points.astype(np.float64) * self.scale_to_metres) @ self.rotation.T)
+    def to_world(self, points: Floats) -> Float32:
+        """Points (P, 3) of the file as float32, metres, world axes; infinite where float32 cannot hold them."""
+        return _permuted(points, self.rotation * self.scale_to_metres)
 
-    def from_world(self, points: Floats) -> Floats:
-        """World points (..., 3), metres, in the unit and axes of the file; float64."""
-        return np.asarray((points.astype(np.float64) / self.scale_to_metres) @ self.rotation)
+    def from_world(self, points: Floats) -> Float32:
+        """World points (P, 3), metres, as float32 in the unit and axes of the file; infinite as above."""
+        return _permuted(points, self.rotation.T / self.scale_to_metres)
 
     @staticmethod
     def parse(text: str) -> Units:
@@ -84,6 +84,18 @@ class Units:
             else:
                 scale = _number(token, text)
         return Units(scale, axes["up"], axes["forward"])
+
+
+def _permuted(points: Floats, matrix: Float64) -> Float32:
+    """points @ matrix.T for a matrix of one entry a row, rounded once to float32."""
+    if np.array_equal(matrix, np.eye(3)) and points.dtype == np.float32:
+        return np.ascontiguousarray(points, dtype=np.float32)
+    moved = np.empty(points.shape, dtype=np.float32)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for row in range(3):
+            column = int(np.flatnonzero(matrix[row])[0])
+            moved[:, row] = points[:, column].astype(np.float64) * matrix[row, column]
+    return moved
 
 
 def _number(token: str, text: str) -> float:
