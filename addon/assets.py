@@ -57,7 +57,9 @@ def append_groom(context: bpy.types.Context, name: str) -> bpy.types.Object:
     InputError : there is no such groom.
     """
     path = dict(starter_grooms()).get(name)
-    require(path is not None, f"there is no starter groom '{name}'; there are {', '.join(n for n, _ in starter_grooms())}")
+    require(
+        path is not None, f"there is no starter groom '{name}'; there are {', '.join(n for n, _ in starter_grooms())}"
+    )
     before = set(bpy.data.objects)
     with bpy.data.libraries.load(path, link=False) as (_, wanted):
         wanted.objects = [name]

@@ -23,7 +23,9 @@ _UNITS = (
     ("CUSTOM", "Custom", "Give the length of one unit of the file", 6),
 )
 _METRES = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254}
-_AXES = tuple((axis, axis, f"The file's {axis} axis", i + 1) for i, axis in enumerate(("X", "Y", "Z", "-X", "-Y", "-Z")))
+_AXES = tuple(
+    (axis, axis, f"The file's {axis} axis", i + 1) for i, axis in enumerate(("X", "Y", "Z", "-X", "-Y", "-Z"))
+)
 
 
 class FileUnits:
@@ -85,7 +87,9 @@ def require_support(path: Path) -> str:
     """
     name = SCENE_SUFFIXES[path.suffix.lower()]
     is_built = getattr(bpy.app.build_options, "alembic" if name == "Alembic" else "usd")
-    require(is_built, f"this Blender was built without {name}; use .npz, .hair, .tfx or .ply, or Blender from blender.org")
+    require(
+        is_built, f"this Blender was built without {name}; use .npz, .hair, .tfx or .ply, or Blender from blender.org"
+    )
     return name
 
 
@@ -134,7 +138,9 @@ def export_scene_file(context: bpy.types.Context, groom: bpy.types.Object, path:
         scene.select_only(context, groom)
         if name == "Alembic":
             frame = context.scene.frame_current
-            bpy.ops.wm.alembic_export(filepath=str(partial), selected=True, start=frame, end=frame, as_background_job=False)
+            bpy.ops.wm.alembic_export(
+                filepath=str(partial), selected=True, start=frame, end=frame, as_background_job=False
+            )
         else:
             bpy.ops.wm.usd_export(filepath=str(partial), selected_objects_only=True, export_animation=False)
         partial.replace(path)
@@ -144,5 +150,3 @@ def export_scene_file(context: bpy.types.Context, groom: bpy.types.Object, path:
         partial.unlink(missing_ok=True)
         for obj in selected:
             obj.select_set(True)
-
-

@@ -1,4 +1,4 @@
-"""The one door to the backend and the bridge: their modules are imported on first use, so that enabling stays quick.
+"""The one door to backend, bridge and workers: their modules are imported on first use, so that enabling stays quick.
 
 numpy, scipy and numba take longer to import than Blender should wait for an add-on at start; nothing of them is
 imported before an operator runs.
@@ -42,3 +42,8 @@ def backend(name: str) -> ModuleType:
 def bridge(name: str) -> ModuleType:
     """A module of `addon/bridge`, such as 'curves'."""
     return _load(f".bridge.{name}")
+
+
+def workers() -> ModuleType:
+    """The module of worker processes."""
+    return _load(".workers")

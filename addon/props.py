@@ -43,8 +43,8 @@ class WispSettings(ParamsGroup, bpy.types.PropertyGroup):
     )  # fmt: skip
     error_threshold: FloatProperty(
         name="Largest Error", default=0.2, min=1e-4, soft_min=0.02, soft_max=1.0, max=1000.0, precision=3, step=1,
-        description="How much a strand may differ from its wisp's center: the sum of squared distances over its points, "
-        "in head radii squared. 0.1 to 0.3 suits most hair; smaller values give more wisps",
+        description="How much a strand may differ from its wisp's center: the sum of squared distances over its "
+        "points, in head radii squared. 0.1 to 0.3 suits most hair; smaller values give more wisps",
     )  # fmt: skip
     adaptive: BoolProperty(
         name="Adaptive", default=True,
@@ -172,7 +172,7 @@ class SceneSettings(bpy.types.PropertyGroup):
     )  # fmt: skip
     region_group: StringProperty(
         name="Region", default="",
-        description="Vertex group, or attribute of the faces, where the new hair shall grow; the whole scalp when empty",
+        description="Vertex group, or attribute of the faces, where the new hair grows; the whole scalp when empty",
     )  # fmt: skip
     clean_up: PointerProperty(type=CleanUpSettings)
     synthesis: PointerProperty(type=SynthesisSettings)

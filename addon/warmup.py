@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import os
 import sys
+from typing import TYPE_CHECKING
 
 import bpy
 
 from . import jobs, lazy
 
+if TYPE_CHECKING:
+    from .workers import WorkerJob
+
 _FIRST_TICK_SECONDS = 3.0  # let Blender finish starting
 _TICK_SECONDS = 0.5
 # the worker that compiles; a list, so that register and unregister need no `global`
-_running: list[jobs.WorkerJob] = []
+_running: list[WorkerJob] = []
 
 
 def _version() -> str:
@@ -55,7 +59,7 @@ def _tick() -> float | None:
         if jobs.status(bpy.context).is_running:
             # the job compiles what it needs itself; two processes would only get in each other's way
             return _FIRST_TICK_SECONDS
-        _running.append(jobs.WorkerJob("Compile Kernels", "warm_up", {}, {}, is_patient=True))
+        _running.append(lazy.workers().WorkerJob("Compile Kernels", "warm_up", {}, {}, is_patient=True))
         return _TICK_SECONDS
     run = _running[0].step()
     jobs.redraw_sidebars(bpy.context)

@@ -38,9 +38,7 @@ def attach_to_head(groom: bpy.types.Object, head: bpy.types.Object, *, snap: boo
     return float(np.linalg.norm(moves, axis=1).max())
 
 
-def attach_at(
-    groom: bpy.types.Object, head: bpy.types.Object, triangle: np.ndarray, barycentric: np.ndarray
-) -> None:
+def attach_at(groom: bpy.types.Object, head: bpy.types.Object, triangle: np.ndarray, barycentric: np.ndarray) -> None:
     """Attach a groom whose roots are known: triangle (S,) int32 of `read_head`'s order and barycentric (S, 3)."""
     corner_uv = mesh.read_head(head).corner_uv
     uv = np.einsum("nk,nkc->nc", barycentric, corner_uv[triangle]).astype(np.float32)

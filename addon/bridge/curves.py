@@ -38,7 +38,9 @@ def read_strands(obj: bpy.types.Object) -> StrandSet:
     InputError : NaN in the curves.
     """
     curves = obj.data
-    points = read_values(curves.position_data, "vector", np.float32, 3) if len(curves.points) else np.empty((0, 3), "f4")
+    points = (
+        read_values(curves.position_data, "vector", np.float32, 3) if len(curves.points) else np.empty((0, 3), "f4")
+    )
     offsets = np.zeros(1, np.int32)
     if len(curves.curves):
         offsets = read_values(curves.curve_offset_data, "value", np.int32)

@@ -30,7 +30,9 @@ class HAIRLOOM_OT_attach_to_head(bpy.types.Operator):
         groom = scene.active_groom(context)
         head = scene.head_for(context, groom)
         distance = lazy.bridge("attachment").attach_to_head(groom, head, snap=self.snap)
-        self.report({"INFO"}, f"Attached to '{head.name}'; the farthest root lay {1000 * distance:.1f} mm off the surface")
+        self.report(
+            {"INFO"}, f"Attached to '{head.name}'; the farthest root lay {1000 * distance:.1f} mm off the surface"
+        )
         return {"FINISHED"}
 
 

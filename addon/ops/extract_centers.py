@@ -27,7 +27,9 @@ class HAIRLOOM_OT_extract_centers(WispJob, bpy.types.Operator):
 
     def sources(self, context: bpy.types.Context) -> dict[str, bpy.types.Object]:
         coarsest = scene.settings(context).synthesis.hierarchy.n_levels - 1
-        require(self.level <= coarsest, f"there is no level {self.level} of wisps; choose 1 to {coarsest}, or more levels")
+        require(
+            self.level <= coarsest, f"there is no level {self.level} of wisps; choose 1 to {coarsest}, or more levels"
+        )
         return super().sources(context)
 
     def apply(self, context: bpy.types.Context, sources: dict[str, bpy.types.Object], outputs: Values) -> str:

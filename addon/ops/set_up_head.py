@@ -41,7 +41,9 @@ class HAIRLOOM_OT_set_up_head(bpy.types.Operator):
         find = self.scalp_from == "HAIR" or not bridge.has_region(obj, settings.scalp_group)
         if find:
             head = lazy.backend("geometry.head").find_scalp(head, self._roots(context, obj))
-        require(head.scalp.any(), f"no face of '{obj.name}' is in '{settings.scalp_group}'; paint it, or find it from hair")
+        require(
+            head.scalp.any(), f"no face of '{obj.name}' is in '{settings.scalp_group}'; paint it, or find it from hair"
+        )
         corner_uv = None
         if obj.data.uv_layers.active is None:
             corner_uv = lazy.backend("geometry.head").unwrap(head.vertices, head.triangles)
@@ -63,8 +65,8 @@ class HAIRLOOM_OT_set_up_head(bpy.types.Operator):
         grooms = selected or attached or grooms
         require(
             grooms,
-            f"'{obj.name}' has no vertex group '{scene.settings(context).scalp_group}' and there is no hair to find the "
-            "scalp from; import a groom first, or make the vertex group",
+            f"'{obj.name}' has no vertex group '{scene.settings(context).scalp_group}' and there is no hair to find "
+            "the scalp from; import a groom first, or make the vertex group",
         )
         return lazy.bridge("curves").read_roots(grooms)
 
