@@ -68,9 +68,6 @@ class BuildError(Exception):
     """Something the caller can put right: shown as one line (after the output of the program that failed)."""
 
 
-# --- small helpers -----------------------------------------------------------------------------------------------
-
-
 @contextmanager
 def step(text: str) -> Iterator[None]:
     """Say what is being done, then how long it took."""
@@ -122,9 +119,6 @@ def version() -> str:
     return str(tomllib.loads(manifest_text())["version"])
 
 
-# --- the environment ---------------------------------------------------------------------------------------------
-
-
 def this_series() -> Series:
     running = f"{sys.version_info.major}.{sys.version_info.minor}"
     for series in SERIES:
@@ -172,9 +166,6 @@ def bundled_extension_tool(python: Path) -> Path:
 def site_packages(python: Path) -> Path:
     code = "import sysconfig; print(sysconfig.get_path('purelib'))"
     return Path(run_quietly([python, "-c", code], "asking for the site-packages folder").strip())
-
-
-# --- wheels ------------------------------------------------------------------------------------------------------
 
 
 def read_lock() -> dict[str, dict[str, list[dict[str, str]]]]:
@@ -239,9 +230,6 @@ def fetch_wheels(python: Path, platform: str, python_version: str) -> list[Path]
         if not path.exists() or sha256(path) != wheel["sha256"]:
             raise BuildError(f"{path} is not the file that {LOCK.name} names: delete it and start again")
     return paths
-
-
-# --- the package -------------------------------------------------------------------------------------------------
 
 
 def staged_manifest(changes: Mapping[str, str | list[str]]) -> str:
@@ -330,9 +318,6 @@ def build_all(platforms: Sequence[str]) -> None:
             finish_zip(path, wheels, {**limits, "platforms": [platform]}, validate)
 
 
-# --- a zip for one Blender ---------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Probe:
     """What a Blender says about itself."""
@@ -416,9 +401,6 @@ def build_for(blender: str) -> Path:
     limits = {"blender_version_min": f"{major}.{minor}.0", "blender_version_max": f"{major}.{minor + 1}.0"}
     finish_zip(path, wheels, {**limits, "platforms": [probe.platform]}, [blender, "--command", "extension", "validate"])
     return path
-
-
-# --- demo and test -----------------------------------------------------------------------------------------------
 
 
 def demo() -> int:
