@@ -25,14 +25,14 @@ from .raw import RawStrands
 
 FORMAT, VERSION = "hairloom-strands", 1
 _HEADER = re.compile(
-    rb"\{'descr': '([<>|=]?[fiubU]\d{1,8})', 'fortran_order': (True|False), 'shape': \(([0-9, ]*)\), *\}\s*"
+    rb"\{'descr': '([<>|=]?[fiubU]\d{1,7})', 'fortran_order': (True|False), 'shape': \(([0-9, ]*)\), *\}\s*"
 )
 _NPY: Any = np.lib.format  # it has no type annotations in numpy 1
 _MAX_HEADER = 10_000
 # What a damaged or hostile archive makes zipfile raise.
 _ZIP_ERRORS = (
     zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, KeyError, RuntimeError, NotImplementedError,
-    OverflowError,
+    OverflowError, TypeError,
 )  # fmt: skip
 
 
@@ -89,10 +89,12 @@ def _parse_member(path: Path, name: str, content: bytes, stated_size: int) -> ND
         count *= size
     if len(shape) > 32 or count * dtype.itemsize != len(content) - start - length:
         raise damaged(path, f"array '{name}' states shape {shape}, which does not fit its {len(content)} bytes")
-    if dtype.itemsize == 0:
-        raise damaged(path, f"array '{name}' has no size")
+    if not count:
+        return np.zeros(shape, dtype=dtype)
     flat = np.frombuffer(content, dtype=dtype, offset=start + length)
-    if dtype.kind == "U" and flat.size and flat.view(np.uint32).max() > 0x10FFFF:
+    if dtype.kind == "b":
+        flat = flat.view(np.uint8) != 0
+    if dtype.kind == "U" and flat.astype(dtype.newbyteorder("=")).view(np.uint32).max() > 0x10FFFF:
         raise damaged(path, f"text '{name}' has characters that do not exist")
     return flat.reshape(shape, order="F" if header[2] == b"True" else "C").astype(dtype.newbyteorder("="), order="C")
 
