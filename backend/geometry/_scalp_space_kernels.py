@@ -1,8 +1,7 @@
 """Numba kernels of `scalp_space`. The device functions are meant for the kernels of fields/ too.
 
-Paper symbols: (u, v) scalp coordinates, w height over the scalp, d the height map, S0 = (0, -1, 0). X = x^ / (y^ + 1)
-and Z = z^ / (y^ + 1) are the stereographic coordinates of the unit direction (x^, y^, z^) seen from S0, so that eq. (1)
-is cot u = polar_scale X, cot v = polar_scale Z, and polar_scale is the root remap of W-6 (1: none).
+Paper symbols: (u, v) scalp coordinates, w height over the scalp, d the height map, S0 = (0, -1, 0),
+cot u = x^ / (y^ + 1), cot v = z^ / (y^ + 1). theta is a direction's angle from +y; W-6 remaps it before eq. (1).
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 from numba import prange
 
-from ..kernels import device, parallel_kernel
+from ..kernels import device, kernel, parallel_kernel
 
 
 @device
@@ -30,25 +29,67 @@ def bilinear(table: Any, u: float, v: float) -> Any:
 
 
 @device
+def remap_polar(theta: float, polar_scale: float) -> Any:
+    """The polar angle after the remap of W-6.
+
+    Up to pi / 2 / polar_scale, where the scalp ends, it is multiplied by polar_scale, so the scalp fills the upper
+    hemisphere; from there a parabola goes on with the same slope and takes pi to pi, so that all directions are
+    mapped one to one and S0 stays the only singularity.
+    """
+    rim = 0.5 * pi / polar_scale
+    if theta <= rim:
+        return polar_scale * theta
+    rest = pi - rim
+    beyond = min(theta - rim, rest)
+    bend = (0.5 * pi - polar_scale * rest) / (rest * rest)
+    return 0.5 * pi + beyond * (polar_scale + bend * beyond)
+
+
+@device
+def unmap_polar(mapped: float, polar_scale: float) -> Any:
+    """The polar angle whose remap is `mapped`."""
+    beyond = mapped - 0.5 * pi
+    if beyond <= 0.0:
+        return mapped / polar_scale
+    rim = 0.5 * pi / polar_scale
+    rest = pi - rim
+    bend = (0.5 * pi - polar_scale * rest) / (rest * rest)
+    return rim + 2.0 * beyond / (polar_scale + sqrt(polar_scale * polar_scale + 4.0 * bend * beyond))
+
+
+@device
 def uv_from_direction(x: float, y: float, z: float, polar_scale: float) -> tuple[float, float]:
-    """(u, v) of the unit direction (x, y, z), eq. (1). The lost digits of y + 1 near S0 come back from x and z."""
+    """(u, v) of the unit direction (x, y, z): remap of W-6, then eq. (1)."""
+    across = sqrt(x * x + z * z)
+    if polar_scale < 1.0 and across > 0.0:
+        half = 0.5 * remap_polar(atan2(across, y), polar_scale)
+        # y^ + 1 = 2 cos^2 half, and the distance from the axis is 2 sin half cos half
+        h, out = cos(half), sin(half) / across
+        return atan2(h, out * x), atan2(h, out * z)
     h = y + 1.0
     if y < -0.5:
-        h = (x * x + z * z) / (1.0 - y)
-    return atan2(h, polar_scale * x), atan2(h, polar_scale * z)
+        # the digits that y + 1 loses near S0 come back from x and z
+        h = across * across / (1.0 - y)
+    return atan2(h, x), atan2(h, z)
 
 
 @device
 def direction_from_uv(u: float, v: float, polar_scale: float) -> tuple[float, float, float]:
-    """The unit direction at (u, v), eq. (2), multiplied out by sin^2 u sin^2 v so that the border (S0) is sound."""
+    """The unit direction at (u, v): eq. (2) times sin^2 u sin^2 v, so that the border, S0, is sound; W-6 undone."""
     su, cu, sv, cv = sin(u), cos(u), sin(v), cos(v)
-    a, b, s = cu * sv, cv * su, polar_scale * su * sv
+    a, b, s = cu * sv, cv * su, su * sv
     total = a * a + b * b + s * s
     if total <= 0.0:
         return 0.0, -1.0, 0.0
     factor = 2.0 * s / total
     # y = h - 1 with h = 2 s^2 / total
-    return factor * a, (s * s - a * a - b * b) / total, factor * b
+    x, y, z = factor * a, (s * s - a * a - b * b) / total, factor * b
+    across = sqrt(x * x + z * z)
+    if polar_scale < 1.0 and across > 0.0:
+        theta = unmap_polar(atan2(across, y), polar_scale)
+        out = sin(theta) / across
+        return out * x, cos(theta), out * z
+    return x, y, z
 
 
 @device
@@ -107,6 +148,26 @@ def map_from_scalp(coordinates: Any, polar_scale: float, height: Any, result: An
     for i in prange(coordinates.shape[0]):
         x, y, z = head_from_scalp(coordinates[i, 0], coordinates[i, 1], coordinates[i, 2], polar_scale, height)
         result[i, 0], result[i, 1], result[i, 2] = x, y, z
+
+
+@parallel_kernel
+def map_directions(uv: Any, polar_scale: float, result: Any) -> None:
+    """result (n, 3) unit directions at uv (n, 2)."""
+    for i in prange(uv.shape[0]):
+        x, y, z = direction_from_uv(uv[i, 0], uv[i, 1], polar_scale)
+        result[i, 0], result[i, 1], result[i, 2] = x, y, z
+
+
+@kernel
+def unmap_angles(mapped: Any, polar_scale: float, result: Any) -> None:
+    """result (n, 2): the polar angle before the remap of W-6, and its derivative by `mapped` (n,)."""
+    rim = 0.5 * pi / polar_scale
+    rest = pi - rim
+    bend = (0.5 * pi - polar_scale * rest) / (rest * rest)
+    for i in range(mapped.shape[0]):
+        theta = unmap_polar(mapped[i], polar_scale)
+        result[i, 0] = theta
+        result[i, 1] = 1.0 / (polar_scale + 2.0 * bend * max(theta - rim, 0.0))
 
 
 @parallel_kernel

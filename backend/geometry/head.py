@@ -1,7 +1,8 @@
-"""The head: rays, closest points and signed distance on its mesh; its scalp; where heads come from."""
+"""The head's mesh: rays, closest points, signed distance; and where heads come from."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,18 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from ..errors import require
+from ..io.mesh import read_mesh
+from ..io.units import Units
 from ..types import Bools, Float32, Float64, Floats, Head, Int32
+from ._head_kernels import add_fan_winding
+from .analytic_heads import sphere_head
+from .scalp_region import region_of_roots, weld
+
+__all__ = ["HeadSurface", "default_head", "find_scalp", "read_head", "sphere_head", "submesh", "unwrap"]
 
 DEFAULT_HEAD_PATH = Path(__file__).parent.parent / "data" / "head.npz"
 
@@ -33,16 +43,17 @@ class HeadSurface:
         self._vertices = np.ascontiguousarray(head.vertices, np.float64)
         self._triangles = np.ascontiguousarray(head.triangles, np.int64)
         corners = self._vertices[self._triangles]
+        self._welded = weld(head)
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         double_areas = np.linalg.norm(cross, axis=1)
         self.areas: Float64 = 0.5 * double_areas
         unit = np.divide(cross, double_areas[:, None], out=np.zeros_like(cross), where=double_areas[:, None] > 0)
         self.face_normals: Float32 = unit.astype(np.float32)
-        self.normals: Float32 = _vertex_normals(len(self._vertices), self._triangles, corners, unit)
+        self.normals: Float32 = _vertex_normals(len(self._vertices), self._triangles, self._welded, corners, unit)
         self._tree = igl.AABB()
         self._tree.init(self._vertices, self._triangles)
         self._rays = _Rays(head.vertices, head.triangles)
-        self._closed: tuple[Float64, NDArray[np.int64]] | None = None
+        self._fans = _boundary_fans(self._vertices, self._triangles, self._welded)
 
     def first_hits(self, origins: Floats, directions: Floats) -> tuple[Float32, Int32]:
         """First triangle that each ray meets, from either side.
@@ -82,9 +93,9 @@ class HeadSurface:
         low, high = self._vertices.min(axis=0), self._vertices.max(axis=0)
         boxed = ((queries >= low) & (queries <= high)).all(axis=1)
         if boxed.any():
-            if self._closed is None:
-                self._closed = _close_boundaries(self._vertices, self._triangles)
-            winding = igl.fast_winding_number(*self._closed, queries[boxed])
+            inner = np.ascontiguousarray(queries[boxed])
+            winding = np.atleast_1d(igl.fast_winding_number(self._vertices, self._triangles, inner))
+            add_fan_winding(inner, self._fans, winding)
             distance[boxed] *= np.where(winding > 0.5, -1.0, 1.0)
         return distance.astype(np.float32)
 
@@ -137,54 +148,79 @@ class _Rays:
         return np.where(triangle >= 0, hits["tfar"], np.float32(np.inf)), triangle
 
 
-def sphere_head(
-    radius: float = 0.1,
-    centre: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    *,
-    n_rings: int = 64,
-    scalp_angle_deg: float = 90.0,
-) -> Head:
-    """A spherical head, for tests and first steps: scalp within `scalp_angle_deg` of the top (+z).
+def default_head() -> Head:
+    """Hairloom's own plain head with a scalp, made by blend_templates/make_head.py. World space, metres."""
+    with np.load(DEFAULT_HEAD_PATH) as fields:
+        return Head(fields["vertices"], fields["triangles"], fields["scalp"], fields["corner_uv"])
 
-    Rings of latitude, `2 n_rings` vertices each, so that ring boundaries and the scalp's border coincide when
-    `scalp_angle_deg` is a multiple of 180 / n_rings. Texture coordinates are longitude and latitude. Metres.
+
+def read_head(path: str | os.PathLike[str], units: Units | None = None, *, group: str | None = None) -> Head:
+    """Read a head from an .obj file; its scalp is unmarked, all False (see `find_scalp`).
+
+    Without texture coordinates in the file each triangle gets a place of its own in the unit square: good for attaching
+    curves, not for painting (`unwrap` makes real charts, in seconds).
+
+    Parameters
+    ----------
+    path : an .obj file. units : its unit and axes; None for the format's usual ones.
+    group : read only this group or object of the file.
+
+    Raises
+    ------
+    FileError : the file cannot be read. InputError : it has no faces.
     """
-    require(radius > 0, f"the radius is {radius}; it must be above 0")
-    require(n_rings >= 4, f"n_rings is {n_rings}; it must be 4 or more")
-    n_columns = 2 * n_rings
-    polar = np.repeat(np.linspace(0.0, np.pi, n_rings + 1)[1:-1], n_columns)
-    azimuth = np.tile(np.arange(n_columns) * (2 * np.pi / n_columns), n_rings - 1)
-    ring_points = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=1)
-    vertices = np.vstack([ring_points, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]])
-    column = np.arange(n_columns)
-    after = (column + 1) % n_columns
-    north, south = len(ring_points), len(ring_points) + 1
-    ring = (np.arange(n_rings - 2) * n_columns)[:, None]
-    upper, upper_next, lower, lower_next = (
-        ring + column,
-        ring + after,
-        ring + column + n_columns,
-        ring + after + n_columns,
+    vertices, triangles, corner_uv = read_mesh(path, units, group)
+    if corner_uv is None:
+        corner_uv = pack_triangles(len(triangles))
+    return Head(vertices, triangles, np.zeros(len(triangles), np.bool_), corner_uv)
+
+
+def pack_triangles(count: int) -> Float32:
+    """(count, 3, 2) float32 texture coordinates without overlap: two triangles in each cell of a square grid."""
+    n_columns = max(int(np.ceil(np.sqrt(np.ceil(count / 2)))), 1)
+    low, high = 0.05, 0.95
+    cell_corners = np.array(
+        [[[low, low], [high - 0.1, low], [low, high - 0.1]], [[high, high], [low + 0.1, high], [high, low + 0.1]]]
     )
-    last = (n_rings - 2) * n_columns
-    triangles = np.vstack(
-        [
-            np.stack([np.full(n_columns, north), column, after], axis=1),
-            np.stack([upper, lower, lower_next], axis=-1).reshape(-1, 3),
-            np.stack([upper, lower_next, upper_next], axis=-1).reshape(-1, 3),
-            np.stack([np.full(n_columns, south), last + after, last + column], axis=1),
-        ]
-    ).astype(np.int32)
-    corners = vertices[triangles]
-    lowest = corners[..., 2].min(axis=1)
-    scalp = lowest >= np.cos(np.radians(scalp_angle_deg)) - 1e-9
-    longitude = np.arctan2(corners[..., 1], corners[..., 0]) / (2 * np.pi) + 0.5
-    # the faces across the seam: corners on the low side move by one turn
-    longitude += (longitude.max(axis=1, keepdims=True) - longitude) > 0.5
-    latitude = 1.0 - np.arccos(np.clip(corners[..., 2], -1, 1)) / np.pi
-    corner_uv = np.stack([longitude, latitude], axis=-1).astype(np.float32)
-    placed = (vertices * radius + np.asarray(centre)).astype(np.float32)
-    return Head(placed, triangles, scalp, corner_uv)
+    index = np.arange(count)
+    cell = index // 2
+    origin = np.stack([cell % n_columns, cell // n_columns], axis=1)
+    corner_uv = (origin[:, None, :] + cell_corners[index % 2]) / n_columns
+    return np.asarray(corner_uv, np.float32)
+
+
+def unwrap(vertices: Float32, triangles: Int32) -> Float32:
+    """Texture coordinates (F, 3, 2) float32 in the unit square, charts without overlap (xatlas; M-34).
+
+    vertices : (V, 3) float32, any unit. triangles : (F, 3) int32. Takes seconds for 10,000 triangles.
+    """
+    import xatlas
+
+    atlas = xatlas.Atlas()
+    atlas.add_mesh(np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(triangles, np.uint32))
+    atlas.generate()
+    _, corner_indices, uv = atlas[0]
+    require(
+        corner_indices.shape == triangles.shape,
+        f"only {len(corner_indices)} of {len(triangles)} triangles could be unwrapped; clean up the mesh first",
+    )
+    return np.asarray(uv[corner_indices], np.float32)
+
+
+def find_scalp(head: Head, roots: Floats) -> Head:
+    """The head with its scalp marked where hair roots (n, 3), metres, world space, stand on it.
+
+    The rules are those of `scalp_region.region_of_roots`; the scalp of `head` itself is not looked at.
+
+    Raises
+    ------
+    InputError : no roots, or roots far off the head (wrong units, or the wrong head).
+    """
+    surface = HeadSurface(head)
+    closest, triangle, _ = surface.closest_points(roots)
+    distance = np.linalg.norm(np.asarray(roots, np.float64) - closest, axis=1)
+    region = region_of_roots(head, surface.face_normals, closest.astype(np.float64), triangle, distance)
+    return Head(head.vertices, head.triangles, region, head.corner_uv)
 
 
 def submesh(head: Head, chosen: Bools) -> Head:
@@ -194,30 +230,29 @@ def submesh(head: Head, chosen: Bools) -> Head:
     return Head(head.vertices[used], numbered, head.scalp[chosen], head.corner_uv[chosen])
 
 
-def require_scalp(head: Head) -> None:
-    """Raise `InputError` unless the head's scalp has an area."""
-    require(head.scalp.any(), "the head has no scalp; mark one, or let it be found from the hair")
-    corners = head.vertices[head.triangles[head.scalp]].astype(np.float64)
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    require(areas.sum() > 0, "the scalp region has no area; choose faces with an area")
-
-
 def _unit(vectors: Floats, fallback: Floats) -> Float32:
     lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
     unit = np.where(lengths > 1e-12, vectors / np.maximum(lengths, 1e-12), fallback)
     return np.asarray(unit, np.float32)
 
 
-def _vertex_normals(count: int, triangles: NDArray[np.int64], corners: Float64, unit: Float64) -> Float32:
-    """Mean of the face normals around each vertex, weighted by the faces' angles there; (0, 0, 1) for a lone vertex."""
+def _vertex_normals(
+    count: int, triangles: NDArray[np.int64], welded: NDArray[np.int64], corners: Float64, unit: Float64
+) -> Float32:
+    """Mean of the face normals around each vertex, weighted by the faces' angles there; (0, 0, 1) for a lone vertex.
+
+    `welded` are the triangles by place (see `weld`), so that the normals are smooth across seams too.
+    """
     sums = np.zeros((count, 3))
     for corner in range(3):
         a = corners[:, (corner + 1) % 3] - corners[:, corner]
         b = corners[:, (corner + 2) % 3] - corners[:, corner]
         angles = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("fc,fc->f", a, b))
         for axis in range(3):
-            sums[:, axis] += np.bincount(triangles[:, corner], angles * unit[:, axis], count)
-    return _unit(sums, np.array([0.0, 0.0, 1.0]))
+            sums[:, axis] += np.bincount(welded[:, corner], angles * unit[:, axis], count)
+    by_place = np.zeros((count, 3))
+    by_place[triangles.ravel()] = sums[welded.ravel()]
+    return _unit(by_place, np.array([0.0, 0.0, 1.0]))
 
 
 def _barycentric(points: Float64, corners: Float64) -> Float64:
@@ -235,24 +270,22 @@ def _barycentric(points: Float64, corners: Float64) -> Float64:
     return np.asarray(barycentric / barycentric.sum(axis=1, keepdims=True))
 
 
-def _close_boundaries(vertices: Float64, triangles: NDArray[np.int64]) -> tuple[Float64, NDArray[np.int64]]:
-    """The mesh with each boundary loop closed by a fan to its middle."""
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    count = len(vertices)
+def _boundary_fans(vertices: Float64, triangles: NDArray[np.int64], welded: NDArray[np.int64]) -> Float64:
+    """(m, 3, 3) float64 corners of the triangles that close each boundary loop of the mesh by a fan to its middle."""
+    edges = np.concatenate([welded[:, [0, 1]], welded[:, [1, 2]], welded[:, [2, 0]]])
+    count = int(welded.max()) + 1
     key, reverse = edges[:, 0] * count + edges[:, 1], edges[:, 1] * count + edges[:, 0]
     open_edges = edges[~np.isin(key, reverse)]
     if len(open_edges) == 0:
-        return vertices, triangles
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
+        return np.empty((0, 3, 3))
+    places = np.empty((count, 3))
+    places[welded.ravel()] = vertices[triangles.ravel()]
     graph = coo_array((np.ones(len(open_edges)), (open_edges[:, 0], open_edges[:, 1])), shape=(count, count))
     _, labels = connected_components(graph, directed=False)
     _, loop_of_edge = np.unique(labels[open_edges[:, 0]], return_inverse=True)
     edge_counts = np.bincount(loop_of_edge)
-    middles = np.stack(
-        [np.bincount(loop_of_edge, vertices[open_edges[:, 0], axis]) / edge_counts for axis in range(3)], axis=1
-    )
+    starts = places[open_edges[:, 0]]
+    sums = [np.bincount(loop_of_edge, starts[:, axis]) / edge_counts for axis in range(3)]
+    middles = np.stack(sums, axis=1)[loop_of_edge]
     # an open edge runs a -> b in its face, so the fan's face runs b -> a
-    fans = np.stack([open_edges[:, 1], open_edges[:, 0], count + loop_of_edge], axis=1)
-    return np.vstack([vertices, middles]), np.ascontiguousarray(np.vstack([triangles, fans]), np.int64)
+    return np.ascontiguousarray(np.stack([places[open_edges[:, 1]], starts, middles], axis=1))

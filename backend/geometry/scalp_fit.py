@@ -10,7 +10,9 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from ..types import Bools, Float32, Float64, Head
-from .head import HeadSurface, require_scalp, submesh
+from ._scalp_space_kernels import map_directions
+from .head import HeadSurface, submesh
+from .scalp_region import require_scalp
 
 # A sphere fit is trusted for a scalp that covers this solid angle (a hemisphere: 6.3) with this relative RMS error.
 _SMALLEST_SOLID_ANGLE = 1.5
@@ -122,7 +124,7 @@ def fit_axes(head: Head, centre: Float64, up: Float64) -> tuple[Float64, float]:
     good = extents <= max(0.5 * np.pi, extents.min() + np.radians(2.0))
     first = int(np.argmax(good))
     extent = min(float(extents[first]), _LARGEST_POLAR_ANGLE)
-    polar_scale = 1.0 if extent <= 0.5 * np.pi else float(1.0 / np.tan(0.5 * extent))
+    polar_scale = min(0.5 * np.pi / extent, 1.0)
     upright = _smallest_rotation(np.array([0.0, 0.0, 1.0]), axes[first])
     blender_axes = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     return blender_axes @ upright.T, polar_scale
@@ -185,15 +187,9 @@ def _grid_directions(polar_scale: float, resolution: int) -> Float64:
     """(H * H, 3) float64, head-space unit directions of the grid nodes, v slow and u fast (eq. 2)."""
     angle = np.linspace(0.0, np.pi, resolution)
     v, u = np.meshgrid(angle, angle, indexing="ij")
-    # sin(pi) is not 0 in floating point, and both sines must vanish together on the border
-    su, sv = np.maximum(np.sin(u), 0.0), np.maximum(np.sin(v), 0.0)
-    a, b, s = np.cos(u) * sv, np.cos(v) * su, polar_scale * su * sv
-    total = a * a + b * b + s * s
-    border = total < 1e-24
-    total = np.where(border, 1.0, total)
-    directions = np.stack([2.0 * s * a / total, (s * s - a * a - b * b) / total, 2.0 * s * b / total], axis=-1)
-    directions[border] = (0.0, -1.0, 0.0)
-    return np.asarray(directions.reshape(-1, 3))
+    directions = np.empty((resolution * resolution, 3))
+    map_directions(np.stack([u.ravel(), v.ravel()], axis=1), polar_scale, directions)
+    return directions
 
 
 def _with_margin(head: Head, centre: Float64, margin: float) -> Bools:
