@@ -44,13 +44,13 @@ def status(context: bpy.types.Context) -> JobStatus:
     return context.window_manager.hairloom_job
 
 
-def reports_errors(execute: Callable[[Any, bpy.types.Context], set[str]]) -> Callable[..., set[str]]:
-    """An expected error of an operator's `execute` becomes one ERROR line; any other keeps its traceback."""
+def reports_errors(method: Callable[[Any, bpy.types.Context], set[str]]) -> Callable[..., set[str]]:
+    """An expected error of an operator's method becomes one ERROR line; any other keeps its traceback."""
 
-    @functools.wraps(execute)
+    @functools.wraps(method)
     def run(self: Any, context: bpy.types.Context) -> set[str]:
         try:
-            return execute(self, context)
+            return method(self, context)
         except HairloomError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -61,8 +61,9 @@ def reports_errors(execute: Callable[[Any, bpy.types.Context], set[str]]) -> Cal
 class JobOperator:
     """Mixin of the operators that run a job of the backend's registry.
 
-    A subclass sets `job` and gives `sources`, `read`, `params` and `apply`. Only the names of the sources' data are
-    remembered while the worker runs (undo replaces the data); if they are gone or changed by then, nothing is written.
+    A subclass sets `job` and gives `sources`, `read`, `params` and `apply`. While the worker runs
+    only the session's numbers of the sources are remembered, since undo replaces the data; if a source is gone or
+    changed by then, nothing is written.
     """
 
     job = ""
@@ -126,7 +127,7 @@ class JobOperator:
             self._show(context, run)
             return {"PASS_THROUGH"} if event.type == "TIMER" else {"RUNNING_MODAL"}
         try:
-            return self._finish(context, run)
+            return self._finish(context)
         finally:
             self._end(context)
 
@@ -138,7 +139,8 @@ class JobOperator:
         context.workspace.status_text_set(f"{run.label}: {run.message}  {run.fraction:.0%}   |   Esc: Cancel")
 
     @reports_errors
-    def _finish(self, context: bpy.types.Context, run: JobRun) -> set[str]:
+    def _finish(self, context: bpy.types.Context) -> set[str]:
+        run = self._running.run
         if run.state == "CANCELLED":
             self.report({"INFO"}, f"{run.label} cancelled; nothing was changed")
             return {"CANCELLED"}

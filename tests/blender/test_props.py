@@ -1,0 +1,96 @@
+"""The PropertyGroups against the backend's Params classes."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+
+import bpy
+import pytest
+import scenes
+
+
+def settings():
+    return bpy.context.scene.hairloom
+
+
+def as_json(params: object) -> dict:
+    return json.loads(json.dumps(asdict(params)))
+
+
+def shared_seed_removed(params: dict) -> dict:
+    """The pipeline gives its own seed to every stage, so the stages' seeds are no settings of their own."""
+    for stage in ("texture", "refine"):
+        params.get(stage, {}).pop("seed", None)
+    return params
+
+
+def test_synthesis_defaults_are_those_of_the_backend():
+    params = scenes.module("backend.synthesis.pipeline").SynthesisParams()
+    assert settings().synthesis.to_params() == shared_seed_removed(as_json(params))
+
+
+def test_clean_up_defaults_are_those_of_the_backend():
+    assert settings().clean_up.to_params() == as_json(scenes.module("backend.geometry.cleanup").CleanUpParams())
+
+
+def test_settings_become_params():
+    synthesis = settings().synthesis
+    synthesis.n_strands = 1234
+    synthesis.hierarchy.wisps.error_threshold = 0.1
+    synthesis.texture.window_sizes = (16, 8, 0)
+    cls = scenes.module("backend.synthesis.pipeline").SynthesisParams
+    params = scenes.module("backend.registry").build_params(cls, synthesis.to_params())
+    assert (params.n_strands, params.texture.window_sizes) == (1234, (16, 8))
+    # the number that was typed, not the float32 next to it
+    assert params.hierarchy.wisps.error_threshold == 0.1
+
+
+def walk(group, prefix=""):
+    for name in group.setting_names():
+        value = getattr(group, name)
+        if hasattr(value, "setting_names"):
+            yield from walk(value, f"{prefix}{name}.")
+        else:
+            yield group, name, f"{prefix}{name}"
+
+
+@pytest.mark.parametrize("name", ["synthesis", "clean_up"])
+def test_every_setting_has_a_tooltip_and_both_ends_of_its_range_are_accepted(name):
+    registry = scenes.module("backend.registry")
+    cls = {
+        "synthesis": ("backend.synthesis.pipeline", "SynthesisParams"),
+        "clean_up": ("backend.geometry.cleanup", "CleanUpParams"),
+    }[name]
+    params = getattr(scenes.module(cls[0]), cls[1])
+    top = getattr(settings(), name)
+    for group, setting, path in walk(top):
+        rna = group.bl_rna.properties[setting]
+        assert len(rna.description) > 20, path
+        assert rna.name, path
+        if rna.type not in {"INT", "FLOAT"} or rna.is_array:
+            continue
+        usual = getattr(group, setting)
+        for end in (rna.hard_min, rna.hard_max, rna.soft_min, rna.soft_max):
+            setattr(group, setting, end)
+            registry.build_params(params, top.to_params())
+        setattr(group, setting, usual)
+
+
+def test_settings_are_saved(tmp_path):
+    settings().synthesis.hierarchy.wisps.n_wisps = 77
+    settings().head = scenes.sphere_head()
+    scenes.reload(tmp_path)
+    assert settings().synthesis.hierarchy.wisps.n_wisps == 77
+    assert settings().head.name == "Ball"
+
+
+@pytest.mark.parametrize("name", ["Straight", "Wavy", "Curly", "Spiky", "Puffy"])
+def test_bundled_presets_are_found_and_make_valid_settings(name):
+    folders = bpy.utils.preset_paths("hairloom/synthesis")
+    path = next(f"{folder}/{name}.py" for folder in folders)
+    bpy.ops.script.execute_preset(filepath=path, menu_idname="HAIRLOOM_PT_synthesis_presets")
+    cls = scenes.module("backend.synthesis.pipeline").SynthesisParams
+    scenes.module("backend.registry").build_params(cls, settings().synthesis.to_params())
+    assert settings().synthesis.hierarchy.n_levels == (2 if name == "Spiky" else 3)
+    assert scenes.module("ui.presets").HAIRLOOM_PT_synthesis_presets.bl_label == name
