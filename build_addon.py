@@ -22,13 +22,17 @@ import subprocess
 import sys
 import tempfile
 import time
-import tomllib
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
+
+try:
+    import tomllib
+except ImportError:
+    sys.exit("build_addon.py: needs Python 3.11 or 3.13, this is " + sys.version.split()[0])
 
 ROOT = Path(__file__).resolve().parent
 CACHE = ROOT / ".cache"
@@ -37,6 +41,8 @@ LOCK = ROOT / "wheels.lock.json"
 MANIFEST = "blender_manifest.toml"
 MAX_ZIP_BYTES = 200_000_000
 PROBE_MARK = "HAIRLOOM-PROBE "
+# Blender has its own numpy, which another must not hide; the others serve the command line alone
+NOT_SHIPPED = ("numpy", "psutil", "tqdm")
 TEST_PARTS = ("lint", "unit", "blender", "gui")
 
 
@@ -105,9 +111,9 @@ def normal_name(distribution: str) -> str:
 
 
 def requirements() -> list[str]:
-    """What the backend needs beyond numpy, as pyproject.toml says it."""
+    """What the backend needs inside Blender, as pyproject.toml says it."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    return [line for line in project["dependencies"] if not re.match(r"numpy\b", line)]
+    return [line for line in project["dependencies"] if re.match(r"[\w.-]+", line)[0] not in NOT_SHIPPED]
 
 
 def manifest_text() -> str:
@@ -148,7 +154,7 @@ def environment() -> Path:
     constraints = CACHE / f"constraints-{series.python}.txt"
     constraints.write_text("\n".join(locked_versions(series.python)) + "\n", encoding="utf-8")
     with step(f"installing bpy {series.bpy}, Hairloom and the tools in {folder.name} (about 600 MB the first time)"):
-        wanted = ["-c", constraints, "-e", f"{ROOT}[test,lint,bench]", f"bpy=={series.bpy}"]
+        wanted = ["-c", constraints, "-e", f"{ROOT}[test,lint,bench,docs]", f"bpy=={series.bpy}"]
         run_quietly([python, "-m", "pip", "install", *wanted], "pip")
     stamp_file.write_text(stamp, encoding="utf-8")
     return python
@@ -195,7 +201,7 @@ def resolve(python: Path, platform: str, series: Series) -> list[dict[str, str]]
     wheels = []
     for item in report["install"]:
         name, download = normal_name(item["metadata"]["name"]), item["download_info"]
-        if name != "numpy":
+        if name not in NOT_SHIPPED:
             file = unquote(urlsplit(download["url"]).path.rsplit("/", 1)[-1])
             digest = download["archive_info"]["hashes"]["sha256"]
             wheels.append({"name": name, "version": item["metadata"]["version"], "file": file, "sha256": digest})
