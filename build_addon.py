@@ -130,8 +130,14 @@ def this_series() -> Series:
     for series in SERIES:
         if series.python == running:
             return series
-    found = [name for name in ("python3.11", "python3.13") if shutil.which(name)]
-    remedy = f"run it with {' or '.join(found)}, which is here" if found else "install one of the two"
+    names = [f"python{series.python}" for series in SERIES]
+    # started, because pyenv puts programs on the PATH that only say that they are switched off
+    found = [
+        name
+        for name in names
+        if shutil.which(name) and not subprocess.run([name, "-V"], capture_output=True).returncode
+    ]
+    remedy = f"run it with {' or '.join(found)}" if found else "install one of the two"
     raise BuildError(f"Blender's modules exist for Python 3.11 and 3.13 only, this is Python {running}: {remedy}")
 
 

@@ -186,6 +186,7 @@ def test_a_probe_names_the_platform_as_blender_does(build, system: str, machine:
 def test_another_python_gets_one_line(build, monkeypatch) -> None:
     monkeypatch.setattr(build.sys, "version_info", SimpleNamespace(major=3, minor=12))
     monkeypatch.setattr(build.shutil, "which", lambda name: name if name == "python3.13" else None)
+    monkeypatch.setattr(build.subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=0))
     with pytest.raises(build.BuildError) as caught:
         build.this_series()
     assert "3.12" in str(caught.value) and "run it with python3.13" in str(caught.value)
