@@ -75,12 +75,15 @@ def resample_set(strands: StrandSet, n_points: int) -> StrandSet:
     return StrandSet(dense.points, dense.offsets, attributes, dense.strand_attributes)
 
 
+def arc_lengths(strands: StrandSet) -> Float64:
+    """(P,) float64, how far along its strand each point lies, in the unit of the points; 0 at roots."""
+    reached = np.cumsum(_segments_before(strands))
+    return np.asarray(reached - np.repeat(reached[strands.offsets[:-1]], strands.point_counts), dtype=np.float64)
+
+
 def strand_lengths(strands: StrandSet) -> Float64:
     """(S,) float64, the length of each strand in the unit of its points; 0 for a strand of one point."""
-    segments = np.zeros(len(strands.points))
-    segments[:-1] = _row_lengths(np.diff(strands.points, axis=0)) if len(segments) else 0.0
-    segments[strands.offsets[1:] - 1] = 0.0
-    return np.asarray(np.add.reduceat(segments, strands.offsets[:-1]), dtype=np.float64)
+    return np.asarray(np.add.reduceat(_segments_before(strands), strands.offsets[:-1]), dtype=np.float64)
 
 
 def polyline_lengths(points: Floats) -> Float64:
@@ -172,6 +175,14 @@ def transform_strands(strands: StrandSet, matrix: ArrayLike) -> StrandSet:
 
 def _check_sample_count(n_points: int) -> None:
     require(n_points >= 2, f"{n_points} points a strand are too few; resample to 2 or more")
+
+
+def _segments_before(strands: StrandSet) -> Float64:
+    """(P,) the length of the segment that ends in each point; 0 at roots."""
+    segments = np.zeros(len(strands.points))
+    segments[1:] = _row_lengths(np.diff(strands.points, axis=0))
+    segments[strands.offsets[:-1]] = 0.0
+    return segments
 
 
 def _row_lengths(vectors: Floats) -> Float64:
