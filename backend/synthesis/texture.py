@@ -1,16 +1,17 @@
 """Texture optimisation of feature maps (Wang et al. 2009, sec. 5.1; Kwatra et al. 2005; W-18, M-3).
 
-The output minimises E = sum_p (|x_p - z_p|^2)^(r/2) over the patches p of a grid, x_p being the output's patch and z_p
-the nearest patch of the example; |.| weights the cells of a patch by a Gaussian. Choosing the z_p (M-step) and averaging
-them, reweighted by |x_p - z_p|^(r-2) (E-step), in turns never raises E. Coarse to fine, with smaller and smaller patches.
+The output minimises E = sum_p |x_p - z_p|^r over the patches p of a grid, x_p being the output's patch and z_p the
+nearest patch of the example; |.| weights the cells of a patch by a Gaussian. In turns the z_p are chosen (M-step) and
+averaged with the weights |x_p - z_p|^(r-2) (E-step); E never rises. Coarse to fine, with smaller and smaller patches.
 
-Only patches that are wholly valid are chosen. The output is made on the bounding box of its mask: cells outside the mask
-take part only as far as patches that touch the mask reach over its border, so they constrain nothing.
+Only patches that are wholly valid are chosen. Of the output, patches count that touch its mask; cells outside the mask
+take part only as far as these patches reach over the border, so they constrain nothing.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from ..errors import require
 from ..progress import NO_PROGRESS, Progress
 from ..types import Bools, FeatureMap, Float32, Float64, Int32
 from ._texture_kernels import blend_patches
-from .patch_search import PatchSearch
+from .patch_search import PatchPlaces, PatchSearch
 
 _FEWEST_CELLS = 8  # a coarser scale is used only if the example's shorter side has this many cells there
 _FEWEST_SHARE = 0.25  # a window is shrunk until its places number this share of the example's cells
@@ -47,7 +48,7 @@ class TextureParams:
         sizes = self.window_sizes
         require(len(sizes) > 0, "window_sizes is empty; give a window size")
         require(min(sizes) >= 2, f"window_sizes has {min(sizes)}; windows must have 2 cells or more")
-        descending = all(a > b for a, b in zip(sizes, sizes[1:]))
+        descending = all(a > b for a, b in pairwise(sizes))
         require(descending, f"window_sizes are {sizes}; put them in descending order")
         require(1 <= self.n_scales <= 8, f"n_scales is {self.n_scales}; it must be in 1..8")
         require(self.n_iterations >= 1, f"n_iterations is {self.n_iterations}; it must be 1 or more")
@@ -117,7 +118,7 @@ def synthesize_texture(
     start = example.origin if origin is None else np.asarray(origin, dtype=np.float64)
     rows, columns = np.nonzero(example.mask)
     extent = max(np.ptp(rows), np.ptp(columns)) + 1
-    shift = (start - example.origin) / example.spacing
+    shift = (start - example.origin)[::-1] / example.spacing
     state = _State(scales, masks, _Layout(params.layout_weight, shift, float(extent)), params)
     image, sources = state.run(progress)
     height, width = out_mask.shape
@@ -147,14 +148,25 @@ def _halve(values: Float32, mask: Bools) -> tuple[Float32, Bools]:
     return np.ascontiguousarray(means[filled[0], filled[1]], dtype=np.float32), coarse
 
 
-def _double(image: Float32, shape: tuple[int, int]) -> Float32:
-    """The image at twice the resolution, interpolated linearly between cell centers, cut to `shape`."""
+def _double(image: Float32) -> Float32:
+    """The image at twice the resolution, interpolated linearly between cell centers."""
     for axis in (0, 1):
         ends = np.pad(image, [(int(a == axis), int(a == axis)) for a in range(3)], mode="edge")
         before, here, after = (np.take(ends, range(i, i + image.shape[axis]), axis=axis) for i in range(3))
         pairs = np.stack([0.25 * before + 0.75 * here, 0.75 * here + 0.25 * after], axis=axis + 1)
         image = pairs.reshape([n * (1 + (a == axis)) for a, n in enumerate(image.shape)])
-    return np.ascontiguousarray(image[: shape[0], : shape[1]], dtype=np.float32)
+    return np.ascontiguousarray(image, dtype=np.float32)
+
+
+def _double_sources(sources: Int32) -> Int32:
+    """The sources (H, W, 2) of the cells at twice the resolution."""
+    doubled = 2 * np.repeat(np.repeat(sources, 2, axis=0), 2, axis=1)
+    return doubled + np.indices(doubled.shape[:2], dtype=np.int32).transpose(1, 2, 0) % 2
+
+
+def _area_sums(mask: Bools) -> NDArray[np.intp]:
+    """(H + 1, W + 1) numbers of true cells above and left of each corner of the cells."""
+    return np.pad(np.cumsum(np.cumsum(mask, axis=0), axis=1), ((1, 0), (1, 0)))
 
 
 def _fit_window(mask: Bools, wanted: int) -> tuple[int, Int32]:
@@ -163,7 +175,7 @@ def _fit_window(mask: Bools, wanted: int) -> tuple[int, Int32]:
     Where holes let no window of some size fit, patches with a few invalid cells are taken (those have the value of the
     nearest valid cell), and only then smaller windows; one of a single cell always fits.
     """
-    sums = np.pad(np.cumsum(np.cumsum(mask, axis=0), axis=1), ((1, 0), (1, 0)))
+    sums = _area_sums(mask)
     least = min(wanted, _SMALL_WINDOW)
     attempts = [(size, 1.0) for size in range(wanted, least - 1, -1)]
     attempts += [(size, _MOSTLY) for size in range(wanted, least - 1, -1)]
@@ -208,18 +220,16 @@ def _output_masks(out_mask: Bools, scales: list[_Scale]) -> list[Bools]:
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """Where patches lie on the scalp, for the pull of `layout_weight`."""
+    """Where cells lie on the scalp, for the pull of `layout_weight`: in units of the example's longer side."""
 
     weight: float
-    shift: Float64  # (2,) from the example's first cell to the output's, columns and rows
+    shift: Float64  # (2,) rows and columns from the example's first cell to the output's
     extent: float  # longer side of the example, cells
 
-    def places(self, corners: Int32, window: int, level: int, variance: float, shifted: bool) -> Float64:
-        """(P, 2) positions of patches, scaled so that the squared distance of two is their cost in the energy."""
-        if self.weight == 0.0:
-            return np.zeros((len(corners), 2))
-        centers = (corners[:, ::-1] + 0.5 * window) * float(1 << level) + (self.shift if shifted else 0.0)
-        return np.asarray(np.sqrt(self.weight * variance) * centers / self.extent, dtype=np.float64)
+    def places(self, corners: Int32, window: int, level: int, shifted: bool) -> PatchPlaces:
+        """Patches of the example, or (`shifted`) of the output, with the positions of their centers."""
+        centers = (corners + 0.5 * window) * float(1 << level)
+        return PatchPlaces(corners, (centers + self.shift if shifted else centers) / self.extent)
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,7 +248,7 @@ def _place_patches(mask: Bools, window: int) -> _Grid:
     rows, columns = (
         np.unique(np.append(np.arange(0, side - window, stride), side - window)).astype(np.int32) for side in mask.shape
     )
-    sums = np.pad(np.cumsum(np.cumsum(mask, axis=0), axis=1), ((1, 0), (1, 0)))
+    sums = _area_sums(mask)
     low, high = np.ix_(rows, columns), np.ix_(rows + window, columns + window)
     counts = sums[high] - sums[low[0], high[1]] - sums[high[0], low[1]] + sums[low]
     patch_at = np.full(counts.shape, -1, dtype=np.int32)
@@ -250,7 +260,8 @@ def _place_patches(mask: Bools, window: int) -> _Grid:
 def _falloff(window: int) -> Float32:
     """Gaussian weights (window,) of the cells of a patch along one direction, largest 1; deviation a third of it."""
     centered = np.arange(window) - 0.5 * (window - 1)
-    return np.exp(-0.5 * (centered / (window / 3)) ** 2).astype(np.float32)
+    weights: Float32 = np.exp(-0.5 * (centered / (window / 3)) ** 2).astype(np.float32)
+    return weights
 
 
 class _State:
@@ -269,51 +280,47 @@ class _State:
         start = 0
         for level in range(len(self.scales) - 1, -1, -1):
             if level + 1 < len(self.scales):
-                self.image = _double(self.image, self.masks[level].shape)
+                self.image, self.sources = _double(self.image), _double_sources(self.sources)
             for window, places in self.scales[level].windows:
                 self._run_stage(level, window, places, start / n_steps, 1 / n_steps, progress)
                 start += self.params.n_iterations
         progress(1.0, "Synthesizing the feature map")
         return self.image, self.sources
 
-    def _run_stage(self, level: int, window: int, places: Int32, start: float, step: float, progress: Progress) -> None:
+    def _run_stage(
+        self, level: int, window: int, corners: Int32, start: float, step: float, progress: Progress
+    ) -> None:
         """M- and E-steps at one scale with one window size, until the patches stop changing."""
         scale, params = self.scales[level], self.params
-        falloff = _falloff(window)
-        search = PatchSearch(scale.values, scale.mask, places, falloff, falloff)
+        candidates = self.layout.places(corners, window, level, shifted=False)
+        search = PatchSearch(scale.values, scale.mask, candidates, _falloff(window), self.layout.weight)
         grid = _place_patches(self.masks[level], window)
-        search.set_layout(self.layout.places(places, window, level, search.variance, shifted=False))
-        layout = self.layout.places(grid.corners, window, level, search.variance, shifted=True)
+        places = self.layout.places(grid.corners, window, level, shifted=True)
+        if not self.stages:
+            first = np.random.default_rng(params.seed).integers(len(corners), size=len(grid.corners))
+            self._blend(search, grid, first.astype(np.int32), np.ones(len(first)))
+        # the present sources say where to look first
+        half = window // 2
+        rows, columns = (grid.corners + half).T
+        matches = search.first_matches(self.sources[rows, columns] - half)
         # far below any distance that matters; keeps weights finite where a patch is an exact copy
         tiny = max(1e-6 * search.variance, 1e-30)
-        chosen = np.full(len(grid.corners), -1, dtype=np.int32)
-        if not self.stages:
-            rng = np.random.default_rng(params.seed)
-            first = rng.integers(len(places), size=len(grid.corners)).astype(np.int32)
-            self._blend(search, grid, first, np.ones(len(first)))
         for iteration in range(params.n_iterations):
             progress(start + iteration * step, "Synthesizing the feature map")
-            before = chosen
-            chosen, costs = search.nearest(self.image, grid.corners, layout, before)
-            self.energies.append(float(((costs + tiny) ** (0.5 * params.exponent)).sum()))
+            before = matches.chosen
+            matches = search.improve(self.image, places, matches)
+            costs = matches.costs + tiny
+            self.energies.append(float((costs ** (0.5 * params.exponent)).sum()))
             self.stages.append((level, window))
-            self._blend(search, grid, chosen, (costs + tiny) ** (0.5 * params.exponent - 1.0))
-            if np.array_equal(before, chosen):
+            self._blend(search, grid, matches.chosen, costs ** (0.5 * params.exponent - 1.0))
+            if iteration > 0 and np.array_equal(before, matches.chosen):
                 break
 
     def _blend(self, search: PatchSearch, grid: _Grid, chosen: Int32, weights: Float64) -> None:
         """E-step; cells that no patch covers take the value of the nearest covered one, to start finer scales from."""
+        corners = search.candidates[chosen]
         image, sources = blend_patches(
-            self.image,
-            search.example,
-            grid.rows,
-            grid.columns,
-            grid.patch_at,
-            search.candidates,
-            chosen,
-            weights,
-            search.weight_rows,
-            search.weight_columns,
+            self.image, search.example, grid.rows, grid.columns, grid.patch_at, corners, weights, search.falloff
         )
         covered = sources[..., 0] >= 0
         if not covered.all():
