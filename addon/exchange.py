@@ -78,6 +78,11 @@ class FileUnits:
             layout.prop(self, "attach")
 
 
+def is_built_with(name: str) -> bool:
+    """Does this Blender have 'Alembic' or 'USD'? Not all builds of Linux distributions do."""
+    return bool(getattr(bpy.app.build_options, name.lower()))
+
+
 def require_support(path: Path) -> str:
     """'Alembic' or 'USD'.
 
@@ -86,10 +91,8 @@ def require_support(path: Path) -> str:
     InputError : this Blender was built without it.
     """
     name = SCENE_SUFFIXES[path.suffix.lower()]
-    is_built = getattr(bpy.app.build_options, "alembic" if name == "Alembic" else "usd")
-    require(
-        is_built, f"this Blender was built without {name}; use .npz, .hair, .tfx or .ply, or Blender from blender.org"
-    )
+    remedy = "use .npz, .hair, .tfx or .ply, or Blender from blender.org"
+    require(is_built_with(name), f"this Blender was built without {name}; {remedy}")
     return name
 
 
