@@ -62,3 +62,8 @@ def summing_device(function: Callable[..., Any]) -> Any:
     The order is fixed in the machine code, so results stay the same from run to run and for any thread count.
     """
     return _compile(function, parallel=False, fastmath={"reassoc", "contract"})
+
+
+def inlined_device(function: Callable[..., Any]) -> Any:
+    """A `device` whose body is copied into its callers; for inner loops where handing arrays over costs too much."""
+    return _compile(function, parallel=False, inline="always")
