@@ -16,8 +16,11 @@ _LOCK = threading.RLock()
 KERNELS: list[Kernel] = []
 
 
-def _compile(function: Callable[..., Any], parallel: bool, fastmath: set[str] | bool = False) -> Any:
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "parallel": parallel, "fastmath": fastmath}
+def _compile(
+    function: Callable[..., Any], parallel: bool, fastmath: set[str] | bool = False, inline: str = "never"
+) -> Any:
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "parallel": parallel}
+    options |= {"fastmath": fastmath, "inline": inline}
     try:
         return numba.njit(cache=True, **options)(function)
     except RuntimeError as error:
