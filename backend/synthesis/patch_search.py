@@ -23,7 +23,7 @@ from ._texture_kernels import choose_sources, gather_patches, measure_patches
 _N_AXIS = 8  # one-dimensional components kept a direction
 _N_PRODUCTS = 192  # products of channel and directions that the principal components are found in
 _EXPLAINED = 0.99  # share of the variance of the products that the components hold
-_MAX_CHECKS = 64  # candidates compared cell by cell a patch; more are needed only where components say little (noise)
+_MAX_CHECKS = 64  # candidates compared cell by cell a patch; only for white noise are they not enough, by some per cent
 _BOUNDS_AT_ONCE = 2_000_000  # 8 MB of bounds, so that they stay in the cache
 
 
@@ -67,7 +67,8 @@ class PatchSearch:
         self, example: Float32, usable: Bools, candidates: PatchPlaces, falloff: Float32, layout_weight: float = 0.0
     ) -> None:
         self.example = example
-        self.candidates = candidates.corners
+        # the kernels are compiled once only if the layout in memory is always the same
+        self.candidates = np.ascontiguousarray(candidates.corners)
         self.falloff = falloff
         coordinates, self._basis = self._components(usable)
         rest = np.sqrt(np.maximum(self._candidate_norms() - np.einsum("md,md->m", coordinates, coordinates), 0.0))
@@ -76,7 +77,7 @@ class PatchSearch:
         # the mean squared distance of a candidate from about their mean
         self.variance = float(np.einsum("md,md->", vectors, vectors) / len(rest))
         self._position_scale = float(np.sqrt(layout_weight * self.variance))
-        self._layout = self._position_scale * candidates.positions
+        self._layout = np.ascontiguousarray(self._position_scale * candidates.positions)
         targets = np.column_stack([vectors, self._layout])
         squares = np.einsum("md,md->m", targets, targets)
         self._largest_square = float(squares.max())
@@ -159,7 +160,8 @@ class PatchSearch:
                 costs[part],
                 _MAX_CHECKS,
             )
-            found.chosen[part], found.costs[part], found.runner_up[part] = chosen, part_costs, np.sqrt(runner_up)
+            found.chosen[part], found.costs[part] = chosen, part_costs
+            found.runner_up[part] = np.sqrt(np.maximum(runner_up, 0.0))
         return found
 
     def _queries(self, patches: Float32, layout: Float64) -> Float32:

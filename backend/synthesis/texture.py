@@ -135,6 +135,12 @@ def _nearest_valid(mask: Bools) -> NDArray[np.int32]:
     return np.asarray(found, dtype=np.int32)
 
 
+def _fill(values: Float32, mask: Bools) -> Float32:
+    """The values with those of the nearest valid cell where the mask is false."""
+    rows, columns = _nearest_valid(mask)
+    return np.ascontiguousarray(values[rows, columns])
+
+
 def _halve(values: Float32, mask: Bools) -> tuple[Float32, Bools]:
     """The map at half the resolution: means of the valid cells of each 2 x 2; valid where two or more of them are."""
     padding = [(0, values.shape[0] % 2), (0, values.shape[1] % 2)]
@@ -143,9 +149,8 @@ def _halve(values: Float32, mask: Bools) -> tuple[Float32, Bools]:
     blocks = padded.reshape(padded.shape[0] // 2, 2, padded.shape[1] // 2, 2, -1).sum(axis=(1, 3))
     counts = weight.reshape(weight.shape[0] // 2, 2, weight.shape[1] // 2, 2).sum(axis=(1, 3))
     coarse = counts >= 2
-    filled = _nearest_valid(coarse) if coarse.any() else np.indices(coarse.shape)
-    means = blocks / np.maximum(counts, 1.0)[..., None]
-    return np.ascontiguousarray(means[filled[0], filled[1]], dtype=np.float32), coarse
+    means = np.asarray(blocks / np.maximum(counts, 1.0)[..., None], dtype=np.float32)
+    return _fill(means, coarse) if coarse.any() else means, coarse
 
 
 def _double(image: Float32) -> Float32:
@@ -201,6 +206,8 @@ def _build_scales(values: Float32, mask: Bools, out_mask: Bools, params: Texture
         fits = dict(_fit_window(mask, wanted) for wanted in params.window_sizes)
         scales.append(_Scale(values, mask, tuple(fits.items())))
         values, mask = _halve(values, mask)
+        if not mask.any():
+            break
     return scales
 
 
