@@ -122,6 +122,55 @@ class RefineSettings(ParamsGroup, bpy.types.PropertyGroup):
 class CleanUpSettings(ParamsGroup, bpy.types.PropertyGroup):
     """Settings of the clean-up"""
 
+    min_points: IntProperty(
+        name="Fewest Points", default=2, min=2, soft_max=10, max=1000,
+        description="Strands with fewer points are removed",
+    )  # fmt: skip
+    min_length: FloatProperty(
+        name="Shortest Strand", default=1e-4, min=0.0, soft_max=0.1, max=1e6, precision=5, step=0.01, unit="LENGTH",
+        description="Strands that are shorter are removed",
+    )  # fmt: skip
+    merge_distance: FloatProperty(
+        name="Merge Points", default=1e-6, min=0.0, soft_max=0.001, max=1e6, precision=6, step=0.001, unit="LENGTH",
+        description="A point that is nearer than this to the one before it is merged with it",
+    )  # fmt: skip
+    max_root_distance: FloatProperty(
+        name="Farthest Root", default=0.02, min=0.0, soft_max=0.1, max=1e6, precision=4, step=0.1, unit="LENGTH",
+        description="Strands that start farther from the scalp are removed",
+    )  # fmt: skip
+    snap_roots: BoolProperty(
+        name="Snap Roots", default=True, description="Move the roots of the strands that stay onto the scalp"
+    )
+    inside_tolerance: FloatProperty(
+        name="Inside Tolerance", default=1e-4, min=0.0, soft_max=0.01, max=1e6, precision=5, step=0.01, unit="LENGTH",
+        description="How deep in the head a point may lie before it counts as inside",
+    )  # fmt: skip
+    max_inside_share: FloatProperty(
+        name="Most Inside", default=0.5, min=0.0, max=1.0, precision=2, subtype="FACTOR",
+        description="Strands with a greater share of their points inside the head are removed",
+    )  # fmt: skip
+    push_out: BoolProperty(
+        name="Push Out", default=True, description="Move points that lie inside the head to its surface"
+    )
+    remove_duplicates: BoolProperty(
+        name="Remove Doubles", default=True, description="Remove strands that lie on another strand all along"
+    )
+    duplicate_distance: FloatProperty(
+        name="Double Within", default=1e-5, min=0.0, soft_max=0.001, max=1e6, precision=6, step=0.001, unit="LENGTH",
+        description="How close two strands must be all along to count as the same",
+    )  # fmt: skip
+    remove_outliers: BoolProperty(
+        name="Remove Outliers", default=False, description="Remove strands that run unlike all strands around them"
+    )
+    outlier_factor: FloatProperty(
+        name="Outlier Factor", default=4.0, min=1.0, soft_max=20.0, max=1e6, precision=1,
+        description="How many times more than its neighbours a strand must deviate to count as an outlier",
+    )  # fmt: skip
+    outlier_neighbours: IntProperty(
+        name="Neighbours", default=16, min=3, soft_max=64, max=1000,
+        description="How many strands around it a strand is compared with",
+    )  # fmt: skip
+
 
 class SynthesisSettings(ParamsGroup, bpy.types.PropertyGroup):
     """Settings of the synthesis"""

@@ -40,16 +40,18 @@ class HAIRLOOM_OT_import_groom(exchange.FileUnits, bpy.types.Operator, ImportHel
             strands, report = lazy.backend("io.strands").read_strands_report(path, units=self.units(path))
             dropped = report.dropped.n_empty + report.dropped.n_non_finite
             grooms = [lazy.bridge("curves").new_object(path.stem, strands, context.collection)]
-        head = scene.head_for(context, None)
+        head = scene.head_for(context, None) if self.attach else None
+        has_uv = head is not None and head.data.uv_layers.active is not None
         for groom in grooms:
             if not groom.data.materials:
                 groom.data.materials.append(material.hair_material())
-            if self.attach and head is not None:
+            if has_uv:
                 lazy.bridge("attachment").attach_to_head(groom, head)
         scene.select_only(context, grooms[0])
         count = sum(len(groom.data.curves) for groom in grooms)
         aside = f"; {dropped} unusable strands were left out" if dropped else ""
-        self.report({"INFO"}, f"Imported {count:,} strands from {path.name}{aside}")
+        loose = f"; not attached, since '{head.name}' has no UV map: run Set Up Head" if head and not has_uv else ""
+        self.report({"WARNING" if loose else "INFO"}, f"Imported {count:,} strands from {path.name}{aside}{loose}")
         return {"FINISHED"}
 
 

@@ -55,8 +55,8 @@ def test_set_up_head_finds_the_scalp_under_the_hair():
     scenes.activate(head)
     assert bpy.ops.hairloom.set_up_head() == {"FINISHED"}
     assert bpy.context.scene.hairloom.head == head
-    # the roots of the wavy groom lie between 0.35 and 0.98 of the ball's height
-    assert 0.15 < scalp_height(head) < 0.4
+    # the roots of the wavy groom lie between 0.35 and 0.98 of the ball's height; a ring of the ball is 0.13 high
+    assert 0.05 < scalp_height(head) < 0.36
     assert len(hair.data.curves) == 300
 
 

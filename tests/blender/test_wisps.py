@@ -58,7 +58,7 @@ def test_wisps_survive_saving(clustered, tmp_path):
 def test_more_wisps_than_strands_is_refused(hair):
     bpy.context.scene.hairloom.synthesis.hierarchy.wisps.n_wisps = 301
     before = scenes.scene_state()
-    with pytest.raises(RuntimeError, match="30[01]"):
+    with pytest.raises(RuntimeError, match=r"30[01]"):
         bpy.ops.hairloom.cluster_wisps()
     assert scenes.scene_state() == before
 

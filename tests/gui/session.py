@@ -1,0 +1,139 @@
+"""What a user does in Blender's window, step by step; run by run.py inside Blender."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE), str(HERE.parent / "blender")]
+
+import bpy  # noqa: E402
+import driver  # noqa: E402
+import scenes  # noqa: E402
+
+LIMIT_SECONDS = 800
+JOB_SECONDS = 120
+N_STRANDS = 600  # what software drawing can keep up with
+
+
+def is_running() -> bool:
+    return bpy.context.window_manager.hairloom_job.is_running
+
+
+def state() -> dict[str, object]:
+    return {name: value for name, value in scenes.scene_state().items() if name != "head"}
+
+
+def worker_processes() -> list[int]:
+    """Ids of the worker processes that this Blender started."""
+    found = []
+    for folder in Path("/proc").iterdir():
+        if not folder.name.isdecimal():
+            continue
+        try:
+            command = (folder / "cmdline").read_bytes().decode(errors="replace")
+            parent = int((folder / "stat").read_text().rsplit(")", 1)[1].split()[1])
+        except OSError:
+            continue  # it has ended meanwhile
+        if parent == os.getpid() and "worker.py" in command:
+            found.append(int(folder.name))
+    return found
+
+
+def set_the_scene(user: driver.User) -> driver.Steps:
+    """Our head with a small groom, seen from the front at an angle, the sidebar open at our tab."""
+    with user.override():
+        bpy.ops.object.select_all(action="SELECT")
+        bpy.ops.object.delete()
+        scenes.small_settings()
+        make_groom()
+        space = user.area().spaces.active
+        space.show_region_ui = True
+        space.overlay.show_floor = False
+        space.overlay.show_cursor = False
+        bpy.ops.view3d.view_selected()
+    yield 1.0
+    user.region("UI").active_panel_category = "Hairloom"
+    yield 1.0
+    assert user.region("UI").active_panel_category == "Hairloom"
+
+
+def make_groom() -> None:
+    scenes.groom_on_head()
+
+
+def warms_up_in_the_background(user: driver.User) -> driver.Steps:
+    """Enabled for the first time, the add-on compiles its kernels without being asked."""
+    warmup = scenes.module("warmup")
+    start = time.monotonic()
+    yield from user.wait(lambda: warmup.is_running() or warmup.is_warm(), 20, "the background compiling starts")
+    yield from user.wait(lambda: not warmup.is_running(), 300, "the background compiling ends")
+    assert warmup.is_warm(), "the background compiling failed; the reason is above"
+    print(f"kernels compiled in the background in {time.monotonic() - start:.0f} s", flush=True)
+
+
+def synthesizes_and_undoes(user: driver.User) -> driver.Steps:
+    before = state()
+    yield from user.press("bpy.ops.hairloom.synthesize()")
+    yield from user.wait(is_running, 10, "the job starts")
+    yield from user.wait(lambda: bpy.context.window_manager.hairloom_job.fraction > 0, JOB_SECONDS, "progress")
+    assert state() == before
+    yield from user.wait(lambda: not is_running(), JOB_SECONDS, "the job ends")
+    yield 0.5
+    new = bpy.context.view_layer.objects.active
+    assert new.name.endswith(" New"), new.name
+    assert len(new.data.curves) > 100
+    assert new.data.surface == bpy.context.scene.hairloom.head == new.parent
+    assert "surface_uv_coordinate" in new.data.attributes
+    assert new.data.materials[0].name == "Hairloom Hair"
+    yield from user.picture("synthesized")
+    yield from user.into_view()
+    yield from user.key("Z", ctrl=True)
+    assert state() == before, "one Ctrl-Z does not lead back"
+    yield from user.key("Z", ctrl=True, shift=True)
+    assert any(obj.name.endswith(" New") for obj in bpy.data.objects), "redo does not bring the hair back"
+    yield from user.key("Z", ctrl=True)
+    assert state() == before
+
+
+def escape_cancels(user: driver.User) -> driver.Steps:
+    before = state()
+    bpy.context.scene.hairloom.synthesis.n_strands = 200_000
+    yield from user.press("bpy.ops.hairloom.synthesize()")
+    yield from user.wait(is_running, 10, "the job starts")
+    yield from user.wait(lambda: bpy.context.window_manager.hairloom_job.fraction > 0, JOB_SECONDS, "progress")
+    yield from user.picture("running")
+    assert is_running(), "the job was too quick to be cancelled"
+    yield from user.into_view()
+    yield from user.key("ESC")
+    yield from user.wait(lambda: not is_running(), 5, "the job ends at Esc")
+    assert state() == before
+    assert worker_processes() == []
+
+
+def a_killed_worker_changes_nothing(user: driver.User) -> driver.Steps:
+    before = state()
+    yield from user.press("bpy.ops.hairloom.synthesize()")
+    yield from user.wait(lambda: worker_processes() != [], 10, "the worker starts")
+    for process in worker_processes():
+        os.kill(process, signal.SIGKILL)
+    yield from user.wait(lambda: not is_running(), 5, "the job ends with its worker")
+    assert state() == before
+    yield from user.picture("killed")
+
+
+def test(user: driver.User) -> driver.Steps:
+    yield from set_the_scene(user)
+    yield from user.picture("panel")
+    yield from warms_up_in_the_background(user)
+    yield from synthesizes_and_undoes(user)
+    yield from escape_cancels(user)
+    yield from a_killed_worker_changes_nothing(user)
+
+
+bpy.context.preferences.view.show_splash = False
+driver.run(test, LIMIT_SECONDS)
