@@ -19,7 +19,7 @@ _ARITY = 4  # children of a heap node: four 8-byte keys share a cache line
 
 
 @summing_device
-def _l2(a: Float32, b: Float32) -> Any:
+def squared_distance(a: Float32, b: Float32) -> Any:
     """Squared distance of two rows (W-8)."""
     total = np.float32(0.0)
     for j in range(a.shape[0]):
@@ -29,7 +29,7 @@ def _l2(a: Float32, b: Float32) -> Any:
 
 
 @device
-def _push(heap: Any, size: int, key: Any) -> int:
+def push(heap: Any, size: int, key: Any) -> int:
     """Add a key to the min-heap heap[:size]; returns the new size."""
     hole = size
     while hole > 0:
@@ -43,7 +43,7 @@ def _push(heap: Any, size: int, key: Any) -> int:
 
 
 @device
-def _drop_first(heap: Any, size: int) -> int:
+def drop_first(heap: Any, size: int) -> int:
     """Remove the least key, heap[0], from the min-heap heap[:size]; returns the new size."""
     size -= 1
     key = heap[size]
@@ -65,6 +65,65 @@ def _drop_first(heap: Any, size: int) -> int:
 
 
 @kernel
+def second_shortest(edges: Any, lengths: Float64, count: int) -> Any:
+    """The second least length of the edges (E, 2) at each of `count` nodes, (count,) float64; inf for less than two."""
+    least = np.full(count, np.inf)
+    second = np.full(count, np.inf)
+    for e in range(edges.shape[0]):
+        length = lengths[e]
+        for side in range(2):
+            node = edges[e, side]
+            if length < least[node]:
+                second[node] = least[node]
+                least[node] = length
+            elif length < second[node]:
+                second[node] = length
+    return second
+
+
+@device
+def _offer_neighbours(
+    strand: int,
+    label: int,
+    points: Float32,
+    centers: Float32,
+    graph: Any,
+    labels: Int32,
+    old: Any,
+    queue: Any,
+    size: int,
+    n_entries: int,
+) -> Any:
+    """Queue the unlabelled neighbours of `strand` for `label`; returns size, n_entries and the distances evaluated."""
+    offsets, neighbours = graph
+    old_labels, old_distances = old
+    heap, entry_strand, entry_label, entry_distance, entry_bits, entry_before, last_entry = queue
+    evaluated = 0
+    for k in range(offsets[strand], offsets[strand + 1]):
+        other = neighbours[k]
+        if labels[other] >= 0:
+            continue
+        entry = last_entry[other]
+        while entry >= 0 and entry_label[entry] != label:
+            entry = entry_before[entry]
+        if entry >= 0:
+            continue  # offered to this wisp already
+        if old_labels[other] == label:
+            entry_distance[n_entries] = old_distances[other]
+        else:
+            entry_distance[n_entries] = squared_distance(points[other], centers[label])
+            evaluated += 1
+        entry_strand[n_entries] = other
+        entry_label[n_entries] = label
+        entry_before[n_entries] = last_entry[other]
+        last_entry[other] = n_entries
+        # the bits of floats that are not negative sort like the floats; of equal ones the first that came leaves first
+        size = push(heap, size, (np.uint64(entry_bits[n_entries]) << np.uint64(32)) | np.uint64(n_entries))
+        n_entries += 1
+    return size, n_entries, evaluated
+
+
+@kernel
 def grow_wisps(
     points: Float32,
     centers: Float32,
@@ -83,72 +142,53 @@ def grow_wisps(
 
     Returns labels (S,) int32, distances (S,) float32 to centers[labels], and the number of evaluated distances.
     """
-    n_strands = points.shape[0]
     labels = old_labels.copy()
     distances = old_distances.copy()
-    for strand in range(n_strands):
+    for strand in range(labels.shape[0]):
         if labels[strand] >= 0 and active[labels[strand]]:
             labels[strand] = -1
-    capacity = neighbours.shape[0]
+    capacity = neighbours.shape[0]  # a strand is offered by each of its neighbours once at most
     heap = np.empty(capacity, np.uint64)
     entry_strand = np.empty(capacity, np.int32)
     entry_label = np.empty(capacity, np.int32)
     entry_distance = np.empty(capacity, np.float32)
-    entry_bits = entry_distance.view(np.uint32)
     entry_before = np.empty(capacity, np.int32)  # the earlier entry of the same strand, or -1
-    last_entry = np.full(n_strands, -1, np.int32)
-    n_entries = 0
+    last_entry = np.full(labels.shape[0], -1, np.int32)
+    entry_bits = entry_distance.view(np.uint32)
+    queue = (heap, entry_strand, entry_label, entry_distance, entry_bits, entry_before, last_entry)
+    graph = (offsets, neighbours)
+    old = (old_labels, old_distances)
     size = 0
-    evaluations = 0
+    n_entries = 0
+    evaluated = 0
     for label in range(seeds.shape[0]):
         if active[label]:
             labels[seeds[label]] = label
     next_seed = 0
-    while True:
+    while next_seed < seeds.shape[0] or size > 0:
         if next_seed < seeds.shape[0]:
             label = next_seed
+            strand = seeds[label]
             next_seed += 1
             if not active[label]:
                 continue
-            strand = seeds[label]
             if old_labels[strand] != label:
-                distances[strand] = _l2(points[strand], centers[label])
-                evaluations += 1
+                distances[strand] = squared_distance(points[strand], centers[label])
+                evaluated += 1
         else:
-            if size == 0:
-                break
             entry = np.int64(heap[0] & np.uint64(0xFFFFFFFF))
-            size = _drop_first(heap, size)
+            size = drop_first(heap, size)
+            label = entry_label[entry]
             strand = entry_strand[entry]
             if labels[strand] >= 0:
                 continue
-            label = entry_label[entry]
             labels[strand] = label
             distances[strand] = entry_distance[entry]
-        for k in range(offsets[strand], offsets[strand + 1]):
-            other = neighbours[k]
-            if labels[other] >= 0:
-                continue
-            entry = last_entry[other]
-            while entry >= 0 and entry_label[entry] != label:
-                entry = entry_before[entry]
-            if entry >= 0:
-                continue
-            if old_labels[other] == label:
-                distance = old_distances[other]
-            else:
-                distance = _l2(points[other], centers[label])
-                evaluations += 1
-            entry_strand[n_entries] = other
-            entry_label[n_entries] = label
-            entry_distance[n_entries] = distance
-            entry_before[n_entries] = last_entry[other]
-            last_entry[other] = n_entries
-            # the bits of a positive float sort like the float; the entry's number makes the order of ties first in, first out
-            key = (np.uint64(entry_bits[n_entries]) << np.uint64(32)) | np.uint64(n_entries)
-            size = _push(heap, size, key)
-            n_entries += 1
-    return labels, distances, evaluations
+        size, n_entries, new = _offer_neighbours(
+            strand, label, points, centers, graph, labels, old, queue, size, n_entries
+        )
+        evaluated += new
+    return labels, distances, evaluated
 
 
 @kernel
@@ -180,10 +220,12 @@ def fit_wisps(
     farthest: Int32,
     energies: Float64,
 ) -> None:
-    """For each wisp with refit[i], write into the last five arrays: mean, L2 of its strands to it, nearest, farthest, sum.
+    """Write mean, L2 of the strands to it, nearest, farthest and sum of each wisp with refit[i] into the last five arrays.
 
     The center is the mean strand (W-12), the seed the strand nearest to it (W-11), energies[i] the wisp's share of
-    equation (3). Of equally near or far strands the first counts. Sums are float64, in the order of the members.
+    equation (3). Of equally near strands
+    the first counts, of equally far ones the last, so that two strands or more are never both. Sums are float64, in the
+    order of the members.
     """
     n_coordinates = points.shape[1]
     for i in numba.prange(refit.shape[0]):
@@ -206,13 +248,13 @@ def fit_wisps(
         most = np.float32(-1.0)
         for m in range(first, last):
             strand = members[m]
-            distance = _l2(points[strand], centers[i])
+            distance = squared_distance(points[strand], centers[i])
             distances[strand] = distance
             energy += distance
             if distance < least:
                 least = distance
                 nearest = strand
-            if distance > most:
+            if distance >= most:
                 most = distance
                 far = strand
         seeds[i] = nearest
@@ -237,33 +279,32 @@ def pick_split_seeds(
     starts: Int32,
     members: Int32,
     wisps: Int32,
+    seeds: Int32,
     farthest: Int32,
     distances: Float32,
     spacing: float,
     picked: Int32,
 ) -> None:
-    """Choose the seeds of new wisps in each of `wisps` by farthest points: picked (V, M) int32, -1 where there are fewer.
+    """Choose the seeds of new wisps in each of `wisps` by farthest points: picked (V, M) int32, -1 for none.
 
-    The first is the wisp's farthest strand (W-14). More follow while a strand is farther than `spacing` (L2) from the
-    center and from all seeds picked before.
+    The first is the wisp's farthest strand (W-14). More follow while a strand other than the wisp's own seed is farther
+    than `spacing` (L2) from the center and from all seeds picked before.
     """
-    most_picked = picked.shape[1]
     for v in numba.prange(wisps.shape[0]):
-        wisp = wisps[v]
-        first = starts[wisp]
-        count = starts[wisp + 1] - first
+        first = starts[wisps[v]]
+        count = starts[wisps[v] + 1] - first
         picked[v, :] = -1
-        picked[v, 0] = farthest[wisp]
+        picked[v, 0] = farthest[wisps[v]]
         gaps = np.empty(count, np.float32)
         for m in range(count):
-            gaps[m] = distances[members[first + m]]
-        for p in range(1, most_picked):
+            gaps[m] = 0.0 if members[first + m] == seeds[wisps[v]] else distances[members[first + m]]
+        for p in range(1, picked.shape[1]):
             seed = points[picked[v, p - 1]]
             far = 0
             for m in range(count):
                 # a strand that is near enough already cannot become a seed
                 if gaps[m] > spacing:
-                    gaps[m] = min(gaps[m], _l2(points[members[first + m]], seed))
+                    gaps[m] = min(gaps[m], squared_distance(points[members[first + m]], seed))
                 if gaps[m] > gaps[far]:
                     far = m
             if gaps[far] <= spacing:

@@ -40,8 +40,8 @@ def build_hierarchy(
 ) -> tuple[WispHierarchy, tuple[WispSet, ...]]:
     """Cluster strands, then their center strands, and so on (Wang et al. 2009, sec. 4.4; W-15).
 
-    The first clustering is adaptive if `params.wisps` says so; each coarser one has a fixed number of wisps, that of the
-    finer one divided by `ratio`, rounded, one at least.
+    The first clustering is adaptive if `params.wisps` says so; each coarser one has a fixed number of wisps, that of
+    the finer one divided by `ratio`, rounded, one at least.
 
     Parameters
     ----------
@@ -50,8 +50,8 @@ def build_hierarchy(
 
     Returns
     -------
-    WispHierarchy of n_levels levels, and the n_levels - 1 WispSets, finest first. Level l + 1's strand i is the center of
-    level l's wisp i; its root is the scalp point at the mean (u, v) of the wisp's roots, with the frame there.
+    WispHierarchy of n_levels levels, and the n_levels - 1 WispSets, finest first. Level l + 1's strand i is the center
+    of level l's wisp i; its root is the scalp point at the mean (u, v) of the wisp's roots, with the frame there.
 
     Raises
     ------
@@ -76,8 +76,8 @@ def build_hierarchy(
 def center_strands(strands: RootedStrands, wisps: WispSet, space: ScalpSpace) -> RootedStrands:
     """The center strands of `wisps` as strands of their own, k strands in head space (W-15).
 
-    The root of a center is the scalp point at the mean (u, v), radians, of its wisp's roots; where means coincide (roots
-    that coincide, or rings around one point) the root of the strand nearest to the center takes the mean's place.
+    The root of a center is the scalp point at the mean (u, v), radians, of its wisp's roots; where means coincide
+    (rings around one point) the root of the strand nearest to the center takes the mean's place.
     """
     counts = np.bincount(wisps.labels, minlength=wisps.n_wisps)
     sums = [np.bincount(wisps.labels, strands.uv[:, axis], minlength=wisps.n_wisps) for axis in (0, 1)]

@@ -1,19 +1,36 @@
-"""Wisp clustering: connected groups of alike strands and their center strands (Wang et al. 2009, sec. 4.1 to 4.4)."""
+"""Wisp clustering: connected groups of alike strands and their center strands (Wang et al. 2009, sec. 4.1 to 4.4).
+
+Decisions and additions to the paper. With seeds_per_wisp = seeds_per_split = 1 and merge = False none of the first
+three is used.
+
+- First seeds: more random strands than wisps are grown, then the touching wisps that are most alike are merged down to
+  n_wisps (Ward 1963). From as many random seeds as wisps, whole wisps of the hair get no seed, and Lloyd iterations do
+  not mend that: the energy comes out up to three times higher.
+- A wisp that is far beyond the threshold gets several new seeds at once, each the strand farthest from those before.
+- At the end, touching wisps are merged as long as all their strands keep the threshold: about a tenth fewer wisps.
+- New seeds compete with their own wisp only, so that a split never raises the energy; the Lloyd iterations that follow
+  are over changed wisps and those that touch them. An iteration that raises the energy is taken back and is the last.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import require
-from ..progress import NO_PROGRESS, Progress
+from ..progress import NO_PROGRESS, Progress, subrange
 from ..types import Bools, Float32, Float64, Int32, RootedStrands
-from . import _wisp_kernels as kernels
-from .root_graph import RootGraph, connect_roots
+from ._merge_kernels import merge_wisps
+from ._wisp_kernels import fit_wisps, grow_wisps, list_members, pick_split_seeds, wisps_beside
+from .root_graph import RootGraph, connect_roots, spatial_order, to_rows
 
 _PAPER_POINTS = 64  # the paper's error threshold is a sum over this many points of a strand
 _LARGEST_COORDINATE = 1e6  # head radii; squares of larger ones would lose their meaning in float32
+_SPLIT_SPACING = 1.0  # least L2 between new seeds of a wisp, in thresholds: few wisps are left to split then
+_ROUNDING = 1e-5  # float32 sums of squares are good to this share; the threshold is kept with it to spare
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,11 +38,14 @@ class WispParams:
     """Settings of `cluster_wisps`.
 
     n_wisps : the paper's k_0, wisps before any split; without `adaptive` the number of wisps.
-    error_threshold : the paper's epsilon, head radii squared: the largest L2 (W-8) of a strand to its center, for strands
-        of 64 points. L2 is a sum over points, so it is scaled by n_points / 64 for strands of another number of points.
+    error_threshold : the paper's epsilon, head radii squared: the largest L2 (W-8) of a strand to its center, for
+        strands of 64 points. L2 is a sum over points, so for N points the threshold is scaled by N / 64.
     adaptive : split wisps until every strand keeps the threshold (W-14).
     max_iterations : Lloyd iterations before the first split.
-    iterations_per_split : Lloyd iterations after each split.
+    iterations_per_split : Lloyd iterations after each split, at most.
+    seeds_per_wisp : random first seeds for each wisp; 1 as in the paper.
+    seeds_per_split : new wisps that a wisp beyond the threshold may be split into at once; 1 as in the paper.
+    merge : merge touching wisps at the end where the threshold allows it (only if `adaptive`); not in the paper.
     seed : of the random first seeds.
     """
 
@@ -33,7 +53,10 @@ class WispParams:
     error_threshold: float = 0.2
     adaptive: bool = True
     max_iterations: int = 40
-    iterations_per_split: int = 3
+    iterations_per_split: int = 1
+    seeds_per_wisp: int = 8
+    seeds_per_split: int = 32
+    merge: bool = True
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -41,7 +64,9 @@ class WispParams:
         threshold = self.error_threshold
         require(0 < threshold < float("inf"), f"error_threshold is {threshold}; it must be above 0 and finite")
         require(self.max_iterations >= 1, f"max_iterations is {self.max_iterations}; it must be 1 or more")
-        require(self.iterations_per_split >= 0, f"iterations_per_split is {self.iterations_per_split}; use 0 or more")
+        require(self.iterations_per_split >= 0, f"iterations_per_split is {self.iterations_per_split}; it must be >= 0")
+        require(self.seeds_per_wisp >= 1, f"seeds_per_wisp is {self.seeds_per_wisp}; it must be 1 or more")
+        require(self.seeds_per_split >= 1, f"seeds_per_split is {self.seeds_per_split}; it must be 1 or more")
         require(self.seed >= 0, f"seed is {self.seed}; it must be 0 or more")
 
 
@@ -49,12 +74,13 @@ class WispParams:
 class WispSet:
     """k wisps of S strands with N points.
 
-    labels : (S,) int32, the wisp of each strand.
+    labels : (S,) int32, the wisp of each strand; every wisp has a strand and is connected on the scalp.
     centers : (k, N, 3) float32, mean strands in root frames, head radii (W-12).
     seeds : (k,) int32, the strand of each wisp that is nearest to its center (W-11).
     errors : (S,) float32, L2 (W-8) of each strand to its center, head radii squared.
-    energies : equation (3) after each iteration, splits included: the curve of the paper's figure 3.
-    splits : (iteration, wisps from then on) of each split, `iteration` being an index of `energies`: figure 3's marks.
+    energies : equation (3) after each iteration, each split and the last merging: the curve of the paper's figure 3.
+    splits : (iteration, wisps from then on) of each split and of the last merging, `iteration` being an index of
+        `energies`: the marks of figure 3.
     """
 
     labels: Int32
@@ -71,7 +97,11 @@ class WispSet:
 
 @dataclass(frozen=True, slots=True)
 class _Partition:
-    """k wisps with their fitted centers: strands as rows; farthest (k,) int32; wisp_energies (k,) float64."""
+    """k wisps fitted to their strands.
+
+    labels (S,) int32; distances (S,) float32 to the centers (k, 3 N) float32; seeds and farthest (k,) int32, the
+    nearest and farthest strand of each wisp; wisp_energies (k,) float64, the shares of equation (3).
+    """
 
     labels: Int32
     distances: Float32
@@ -89,6 +119,14 @@ class _Partition:
         return len(self.seeds)
 
 
+@dataclass(slots=True)
+class _Curve:
+    """What figure 3 shows, as it comes in."""
+
+    energies: list[float] = field(default_factory=list)
+    splits: list[tuple[int, int]] = field(default_factory=list)
+
+
 @dataclass(frozen=True, slots=True)
 class _Hair:
     """Strands as rows (S, 3 N) float32, and the graph of their roots."""
@@ -100,63 +138,190 @@ class _Hair:
 def cluster_wisps(
     strands: RootedStrands, params: WispParams = WispParams(), *, progress: Progress = NO_PROGRESS
 ) -> WispSet:
-    """Group strands into connected wisps, each with a center strand (Wang et al. 2009, sec. 4.1 to 4.4, W-8 to W-14)."""
-    n_strands = strands.n_strands
+    """Group strands into connected wisps, each with a center strand (Wang et al. 2009, sec. 4.1 to 4.4; W-8 to W-14).
+
+    Minimises equation (3), sum_i sum_j L2(strand j of wisp i, center i), by Lloyd iterations (W-13) of region growing
+    over the Delaunay neighbours of the roots (W-11) and means (W-12), then splits wisps until no strand is beyond the
+    error threshold (W-14). The module's docstring lists what differs from the paper. O(S log S) an iteration.
+
+    Parameters
+    ----------
+    strands : S strands with N points in root frames, head radii.
+    progress : called once an iteration; may raise Cancelled.
+
+    Returns
+    -------
+    WispSet; no energy is above the first, and, if `params.adaptive`, no error above the threshold.
+
+    Raises
+    ------
+    InputError : fewer strands than `params.n_wisps`, or coordinates that cannot be head radii.
+    """
+    count = strands.n_strands
     require(
-        n_strands >= params.n_wisps,
-        f"{n_strands} strands are fewer than n_wisps = {params.n_wisps}; set n_wisps to {n_strands} or less",
+        count >= params.n_wisps,
+        f"{count} strands cannot be grouped into {params.n_wisps} wisps; lower n_wisps to {max(count, 1)} or less",
     )
+    require(strands.n_points >= 1, "the strands have no points; resample them to 2 points or more")
     largest = max(float(strands.points.max()), -float(strands.points.min()))
     require(largest <= _LARGEST_COORDINATE, f"a strand reaches {largest:g} head radii from its root; check the units")
-    hair = _Hair(np.ascontiguousarray(strands.points).reshape(n_strands, -1), connect_roots(strands.uv))
-    threshold = params.error_threshold * strands.n_points / _PAPER_POINTS
-    partition, energies = _cluster_fixed(hair, params, progress)
-    splits: list[tuple[int, int]] = []
+    progress(0.0, f"Wisps: neighbours of {count} roots")
+    # strands that are near on the scalp lie near in memory: twice as fast
+    order = spatial_order(strands.uv)
+    graph = connect_roots(strands.uv[order])
+    hair = _Hair(np.ascontiguousarray(strands.points).reshape(count, -1)[order], graph)
+    curve = _Curve()
+    partition = _cluster_fixed(hair, params, curve, subrange(progress, 0.1, 0.4))
     if params.adaptive:
-        partition = _split_until(hair, partition, threshold, params, energies, splits, progress)
-    progress(1.0, f"{partition.n_wisps} wisps")
+        threshold = params.error_threshold * strands.n_points / _PAPER_POINTS * (1.0 - _ROUNDING)
+        partition = _cluster_adaptively(hair, partition, threshold, params, curve, subrange(progress, 0.4, 1.0))
+    progress(1.0, f"Wisps: {partition.n_wisps}")
     return WispSet(
-        partition.labels,
-        partition.centers.reshape(-1, strands.n_points, 3),
-        partition.seeds,
-        partition.distances,
-        tuple(energies),
-        tuple(splits),
+        labels=_scattered(partition.labels, order),
+        centers=partition.centers.reshape(-1, strands.n_points, 3),
+        seeds=order[partition.seeds].astype(np.int32),
+        errors=_scattered(partition.distances, order),
+        energies=tuple(curve.energies),
+        splits=tuple(curve.splits),
     )
 
 
-def _cluster_fixed(hair: _Hair, params: WispParams, progress: Progress) -> tuple[_Partition, list[float]]:
-    n_strands = len(hair.points)
+_Value = TypeVar("_Value", np.int32, np.float32)
+
+
+def _scattered(values: NDArray[_Value], order: NDArray[np.int64]) -> NDArray[_Value]:
+    """`result[order[i]] = values[i]`."""
+    result = np.empty_like(values)
+    result[order] = values
+    return result
+
+
+def _cluster_fixed(hair: _Hair, params: WispParams, curve: _Curve, progress: Progress) -> _Partition:
+    """Lloyd clustering into params.n_wisps wisps (W-11 to W-13)."""
+    count = len(hair.points)
+    progress(0.0, f"Wisps: {params.n_wisps}, first seeds")
     rng = np.random.default_rng(params.seed)
-    seeds = np.sort(rng.choice(n_strands, params.n_wisps, replace=False)).astype(np.int32)
+    n_seeds = min(count, params.seeds_per_wisp * params.n_wisps)
+    seeds = np.sort(rng.choice(count, n_seeds, replace=False)).astype(np.int32)
     nobody = _Partition(
-        labels=np.full(n_strands, -1, np.int32),
-        distances=np.zeros(n_strands, np.float32),
+        labels=np.full(count, -1, np.int32),
+        distances=np.zeros(count, np.float32),
         centers=hair.points[seeds],
         seeds=seeds,
         farthest=seeds,
-        wisp_energies=np.zeros(len(seeds)),
+        wisp_energies=np.zeros(n_seeds),
     )
-    everywhere = np.ones(params.n_wisps, np.bool_)
-    partition = _grow_and_fit(hair, nobody, everywhere)
-    energies = [partition.energy]
-    partition = _iterate(hair, partition, everywhere, params.max_iterations - 1, energies, progress)
-    return partition, energies
+    partition = _iteration(hair, nobody, np.ones(n_seeds, np.bool_))
+    partition = _merge(hair, partition, params.n_wisps, np.inf)
+    curve.energies.append(partition.energy)
+    everywhere = np.ones(partition.n_wisps, np.bool_)
+    return _iterate(hair, partition, everywhere, params.max_iterations - 1, curve, progress)
 
 
-def _grow_and_fit(hair: _Hair, before: _Partition, active: Bools) -> _Partition:
-    """One Lloyd iteration (W-11, W-12) over the active wisps; the other wisps keep their strands."""
-    labels, distances, _ = kernels.grow_wisps(
+def _cluster_adaptively(
+    hair: _Hair, partition: _Partition, threshold: float, params: WispParams, curve: _Curve, progress: Progress
+) -> _Partition:
+    """Split wisps until no strand is beyond `threshold` (W-14), then merge those that need not be apart.
+
+    It ends: a wisp beyond the threshold has two strands at least, each split makes more wisps, and a wisp of one strand
+    has no error.
+    """
+    partition = _split_until(hair, partition, threshold, params, curve, subrange(progress, 0.0, 0.8))
+    if not params.merge:
+        return partition
+    progress(0.8, f"Wisps: {partition.n_wisps}, merging")
+    merged = _merge(hair, partition, 1, threshold)
+    if merged.n_wisps < partition.n_wisps and merged.energy <= curve.energies[0]:
+        curve.splits.append((len(curve.energies), merged.n_wisps))
+        curve.energies.append(merged.energy)
+        partition = merged
+    # merging keeps the threshold to the last digit but one
+    return _split_until(hair, partition, threshold, params, curve, subrange(progress, 0.9, 1.0))
+
+
+def _split_until(
+    hair: _Hair, partition: _Partition, threshold: float, params: WispParams, curve: _Curve, progress: Progress
+) -> _Partition:
+    """Split the wisps whose farthest strand is beyond `threshold` (W-14), until there are none."""
+    while True:
+        is_split = partition.distances[partition.farthest] > threshold
+        progress(1.0 - float(is_split.mean()), f"Wisps: {partition.n_wisps}, {int(is_split.sum())} to split")
+        if not is_split.any():
+            return partition
+        n_before = partition.n_wisps
+        partition = _split(
+            hair, partition, np.flatnonzero(is_split).astype(np.int32), threshold, params.seeds_per_split
+        )
+        curve.splits.append((len(curve.energies), partition.n_wisps))
+        curve.energies.append(partition.energy)
+        changed = np.ones(partition.n_wisps, np.bool_)
+        changed[:n_before] = is_split
+        active = wisps_beside(partition.labels, changed, hair.graph.offsets, hair.graph.neighbours)
+        partition = _iterate(hair, partition, active, params.iterations_per_split, curve, NO_PROGRESS)
+
+
+def _split(hair: _Hair, partition: _Partition, split: Int32, threshold: float, most: int) -> _Partition:
+    """Grow new wisps from the farthest strands of the wisps `split`, `most` in each, within its strands (W-14)."""
+    starts, members = list_members(partition.labels, partition.n_wisps)
+    picked = np.empty((len(split), most), np.int32)
+    pick_split_seeds(
+        hair.points,
+        starts,
+        members,
+        split,
+        partition.seeds,
+        partition.farthest,
+        partition.distances,
+        _SPLIT_SPACING * threshold,
+        picked,
+    )
+    new_seeds = picked[picked >= 0]
+    before = _Partition(
+        partition.labels,
+        partition.distances,
+        np.concatenate([partition.centers, hair.points[new_seeds]]),
+        np.concatenate([partition.seeds, new_seeds]),
+        np.concatenate([partition.farthest, new_seeds]),
+        np.concatenate([partition.wisp_energies, np.zeros(len(new_seeds))]),
+    )
+    active = np.ones(before.n_wisps, np.bool_)
+    active[: partition.n_wisps] = False
+    active[split] = True
+    return _iteration(hair, before, active)
+
+
+def _iterate(
+    hair: _Hair, partition: _Partition, active: Bools, most: int, curve: _Curve, progress: Progress
+) -> _Partition:
+    """Lloyd iterations (W-13) until no label changes, the energy would not fall, or `most` are done."""
+    for iteration in range(most):
+        progress(iteration / most, f"Wisps: {partition.n_wisps}, iteration {len(curve.energies)}")
+        after = _iteration(hair, partition, active)
+        moved = after.labels != partition.labels
+        if not moved.any() or after.energy >= partition.energy:
+            break
+        changed = np.zeros(partition.n_wisps, np.bool_)
+        changed[after.labels[moved]] = True
+        changed[partition.labels[moved]] = True
+        partition = after
+        curve.energies.append(partition.energy)
+        active = wisps_beside(partition.labels, changed, hair.graph.offsets, hair.graph.neighbours)
+    return partition
+
+
+def _iteration(hair: _Hair, before: _Partition, active: Bools) -> _Partition:
+    """Region growing (W-11) and means (W-12) over the active wisps; the others keep their strands."""
+    graph = hair.graph
+    labels, distances, _ = grow_wisps(
         hair.points,
         before.centers,
         before.seeds,
-        hair.graph.offsets,
-        hair.graph.neighbours,
+        graph.offsets,
+        graph.neighbours,
         before.labels,
         before.distances,
         active,
     )
-    starts, members = kernels.list_members(labels, before.n_wisps)
     after = _Partition(
         labels,
         distances,
@@ -165,86 +330,47 @@ def _grow_and_fit(hair: _Hair, before: _Partition, active: Bools) -> _Partition:
         before.farthest.copy(),
         before.wisp_energies.copy(),
     )
-    kernels.fit_wisps(
-        hair.points,
-        starts,
-        members,
-        active,
-        after.centers,
-        after.distances,
-        after.seeds,
-        after.farthest,
-        after.wisp_energies,
-    )
+    _fit(hair, after, active)
     return after
 
 
-def _iterate(
-    hair: _Hair, partition: _Partition, active: Bools, most: int, energies: list[float], progress: Progress
-) -> _Partition:
-    """Lloyd iterations (W-13) until no label changes, the energy does not fall any more, or `most` are done."""
-    for iteration in range(most):
-        progress(iteration / most, f"{partition.n_wisps} wisps, iteration {len(energies)}")
-        after = _grow_and_fit(hair, partition, active)
-        moved = after.labels != partition.labels
-        if not moved.any() or after.energy >= partition.energy:
-            break
-        changed = np.zeros(partition.n_wisps, np.bool_)
-        changed[after.labels[moved]] = True
-        changed[partition.labels[moved]] = True
-        partition = after
-        energies.append(partition.energy)
-        active = kernels.wisps_beside(partition.labels, changed, hair.graph.offsets, hair.graph.neighbours)
-    return partition
-
-
-def _split_until(
-    hair: _Hair,
-    partition: _Partition,
-    threshold: float,
-    params: WispParams,
-    energies: list[float],
-    splits: list[tuple[int, int]],
-    progress: Progress,
-) -> _Partition:
-    """Split wisps whose worst strand is beyond the threshold (W-14) until none is."""
-    while True:
-        worst = partition.distances[partition.farthest]
-        split = np.flatnonzero(worst > threshold).astype(np.int32)
-        if not len(split):
-            return partition
-        partition = _split(hair, partition, split, threshold)
-        splits.append((len(energies), partition.n_wisps))
-        energies.append(partition.energy)
-        marked = np.zeros(partition.n_wisps, np.bool_)
-        marked[split] = True
-        marked[partition.n_wisps - 1 :] = True
-        active = kernels.wisps_beside(partition.labels, marked, hair.graph.offsets, hair.graph.neighbours)
-        partition = _iterate(hair, partition, active, params.iterations_per_split, energies, progress)
-
-
-def _split(hair: _Hair, partition: _Partition, split: Int32, threshold: float) -> _Partition:
-    starts, members = kernels.list_members(partition.labels, partition.n_wisps)
-    picked = np.empty((len(split), MOST), np.int32)
-    kernels.pick_split_seeds(
-        hair.points, starts, members, split, partition.farthest, partition.distances, SPACING * threshold, picked
+def _merge(hair: _Hair, partition: _Partition, n_wanted: int, largest_error: float) -> _Partition:
+    """Merge touching wisps as `merge_wisps` does, and fit the result."""
+    if partition.n_wisps <= n_wanted:
+        return partition
+    before = partition.n_wisps
+    ours = np.repeat(partition.labels, np.diff(hair.graph.offsets)).astype(np.int64)
+    theirs = partition.labels[hair.graph.neighbours]
+    between = ours < theirs
+    touching = to_rows(np.stack([ours[between], theirs[between]], axis=-1), before)
+    starts, members = list_members(partition.labels, before)
+    holders = merge_wisps(
+        hair.points, partition.centers, starts, members, partition.farthest, *touching, n_wanted, largest_error
     )
-    new_seeds = picked[picked >= 0]
-    n = partition.n_wisps + len(new_seeds)
-    seeds = np.concatenate([partition.seeds, new_seeds])
-    before = _Partition(
-        partition.labels,
+    left, new_numbers = np.unique(holders, return_inverse=True)
+    merged = _Partition(
+        new_numbers.reshape(-1).astype(np.int32)[partition.labels],
+        np.empty_like(partition.distances),
+        np.empty_like(partition.centers[: len(left)]),
+        np.empty_like(partition.seeds[: len(left)]),
+        np.empty_like(partition.farthest[: len(left)]),
+        np.empty_like(partition.wisp_energies[: len(left)]),
+    )
+    _fit(hair, merged, np.ones(len(left), np.bool_))
+    return merged
+
+
+def _fit(hair: _Hair, partition: _Partition, refit: Bools) -> None:
+    """Fill in everything but the labels for the wisps to refit (W-12); the partition must be nobody else's yet."""
+    starts, members = list_members(partition.labels, partition.n_wisps)
+    fit_wisps(
+        hair.points,
+        starts,
+        members,
+        refit,
+        partition.centers,
         partition.distances,
-        np.concatenate([partition.centers, hair.points[new_seeds]]),
-        seeds,
-        np.concatenate([partition.farthest, new_seeds]),
-        np.concatenate([partition.wisp_energies, np.zeros(len(new_seeds))]),
+        partition.seeds,
+        partition.farthest,
+        partition.wisp_energies,
     )
-    active = np.zeros(n, np.bool_)
-    active[split] = True
-    active[partition.n_wisps :] = True
-    return _grow_and_fit(hair, before, active)
-
-
-MOST = 1
-SPACING = 4.0
