@@ -22,6 +22,7 @@ from .strands import arc_lengths, resample, select_strands, strand_lengths, stra
 
 _DUPLICATE_SAMPLES = 8  # points at which two strands are compared
 _OUTLIER_SAMPLES = 16
+_ON_SCALP = 1e-6  # m; a nearer root is on the scalp, up to float32 rounding
 _OUTLIER_FLOOR = 1e-3  # m; neighbours that agree better than this still allow a strand to differ by some of it
 _BLOCK = 8192  # strands looked at at once, which bounds memory
 
@@ -31,7 +32,7 @@ class CleanUpParams:
     """Settings of clean_up; lengths in metres. Defaults live here only."""
 
     min_points: int = 2  # a strand with fewer is dropped
-    min_length: float = 1e-4  # a shorter strand is dropped
+    min_length: float = 1e-4  # a shorter strand is dropped, as is one without any length
     merge_distance: float = 1e-6  # a point nearer to the one before it is merged with it
     max_root_distance: float = 0.02  # a strand whose root is farther from the scalp is dropped
     snap_roots: bool = True  # other roots are moved onto the scalp
@@ -143,7 +144,7 @@ def find_duplicates(strands: StrandSet, distance: float) -> Bools:
     Equal ones are found by sorting; of the others, in rounds, each strand whose nearest other one is within `distance`
     and comes earlier is dropped. The nearest two of all are each other's nearest, so every round drops one or more.
     """
-    shapes = resample(strands, _DUPLICATE_SAMPLES).reshape(strands.n_strands, -1)
+    shapes = resample(strands, _DUPLICATE_SAMPLES).reshape(strands.n_strands, 3 * _DUPLICATE_SAMPLES)
     _, left = np.unique(shapes, axis=0, return_index=True)
     left.sort()
     while len(left) > 1:
@@ -194,9 +195,9 @@ def _drop_broken(strands: StrandSet, params: CleanUpParams, counts: dict[str, in
     keep[strands.offsets[:-1]] = True
     had_enough = strands.point_counts >= params.min_points
     counts["n_points_merged"] += int((~keep & np.repeat(had_enough, strands.point_counts)).sum())
-    counts["n_too_few_points"] += int((~had_enough).sum())
-    left = select_strands(_keep_points(strands, keep), had_enough)
-    too_short = (strand_lengths(left) < params.min_length) | (left.point_counts < params.min_points)
+    left = _drop(_keep_points(strands, keep), ~had_enough, "n_too_few_points", counts)
+    lengths = strand_lengths(left)
+    too_short = (lengths < params.min_length) | (lengths == 0.0) | (left.point_counts < params.min_points)
     return _drop(left, too_short, "n_too_short", counts)
 
 
@@ -207,13 +208,14 @@ def _settle_roots(strands: StrandSet, head: Head, params: CleanUpParams, counts:
     distance = np.linalg.norm(way, axis=1)
     is_far = distance > params.max_root_distance
     left, way, places = _drop(strands, is_far, "n_far_from_scalp", counts), way[~is_far], places[~is_far]
-    if not params.snap_roots:
+    moves = distance[~is_far] > _ON_SCALP
+    if not params.snap_roots or not moves.any():
         return left
-    counts["n_roots_snapped"] = int((distance[~is_far] > max(params.merge_distance, 1e-7)).sum())
-    lengths = strand_lengths(left)
-    share = 1.0 - arc_lengths(left) / np.repeat(np.maximum(lengths, 1e-30), left.point_counts)
+    counts["n_roots_snapped"] = int(moves.sum())
+    way[~moves] = 0.0
+    share = 1.0 - arc_lengths(left) / np.repeat(strand_lengths(left), left.point_counts)
     points = (left.points + np.repeat(way, left.point_counts, axis=0) * share[:, None]).astype(np.float32)
-    points[left.offsets[:-1]] = places
+    points[left.offsets[:-1][moves]] = places[moves]
     return _with_points(left, points)
 
 
@@ -229,7 +231,7 @@ def _leave_head(strands: StrandSet, surface: HeadSurface, params: CleanUpParams,
     suspects, places = suspects[depth > params.inside_tolerance], places[depth > params.inside_tolerance]
     n_inside = np.bincount(strand_of_point(strands)[suspects], minlength=strands.n_strands)
     too_deep = n_inside > params.max_inside_share * np.maximum(strands.point_counts - 1, 1)
-    if params.push_out:
+    if params.push_out and len(suspects):
         counts["n_points_pushed_out"] = int(n_inside[~too_deep].sum())
         points = strands.points.copy()
         points[suspects] = places

@@ -41,14 +41,13 @@ def read_file(path: Path) -> bytes:
     ------
     FileError : it is missing, no ordinary file, not readable, or does not fit in memory.
     """
+    _refuse_nul(path)
     try:
         if path.exists() and not path.is_file():
             raise FileError(f"cannot read {path}: it is not an ordinary file")
         return path.read_bytes()
     except OSError as error:
         raise FileError(f"cannot read {path}: {_reason(error)}") from error
-    except ValueError as error:  # a path with a NUL character
-        raise FileError(f"cannot read {str(path)!r}: {error}") from error
     except MemoryError as error:
         raise FileError(f"cannot read {path}: it does not fit in memory") from error
 
@@ -72,6 +71,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
     ------
     FileError : folder missing or not writable, target write-protected, disk full, or any other OSError of the block.
     """
+    _refuse_nul(path)
     target = Path(os.path.realpath(path))
     temporary: Path | None = None
     try:
@@ -86,13 +86,14 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
         temporary = None
     except OSError as error:
         raise FileError(f"cannot write {target}: {_reason(error)}; choose another place") from error
-    except ValueError as error:
-        if "null" not in str(error):
-            raise
-        raise FileError(f"cannot write {str(path)!r}: {error}") from error
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
+
+
+def _refuse_nul(path: str | os.PathLike[str]) -> None:
+    if "\0" in os.fspath(path):
+        raise FileError(f"cannot read or write {os.fspath(path)!r}: a name cannot hold a NUL character")
 
 
 def _open_beside(target: Path) -> tuple[Path, IO[bytes]]:

@@ -33,9 +33,7 @@ def values() -> dict[str, object]:
         {"radius": np.ones(5, dtype=np.float32)},
         {"hairloom_wisp": np.array([1, 0], dtype=np.int32)},
     )
-    head = Head(
-        points, np.array([[0, 1, 2]], dtype=np.int32), np.array([True]), np.zeros((1, 3, 2), dtype=np.float32)
-    )
+    head = Head(points, np.array([[0, 1, 2]], dtype=np.int32), np.array([True]), np.zeros((1, 3, 2), dtype=np.float32))
     return {
         "strands": strands,
         "head": head,
