@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import convolve1d
 from scipy.spatial import cKDTree
 from scipy.stats import ks_2samp
 
@@ -15,6 +16,7 @@ from ..types import Float32, Float64, RootedStrands
 from .wisps import WispParams, cluster_wisps
 
 Ints = NDArray[np.integer[Any]]
+SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 ROOT_NEIGHBOURS = 8  # strands "at the same root": the usual number of Delaunay neighbours and a little more
 
 
@@ -47,11 +49,13 @@ def curvature_and_torsion(points: Float32) -> tuple[Float64, Float64]:
     """Mean curvature and curvature-weighted mean absolute torsion of each strand.
 
     Discrete: turning angle, respectively angle between successive osculating planes, over segment length. Torsion is
-    weighted by the curvatures beside it, since a straight piece has no osculating plane.
+    weighted by the curvatures beside it, since a straight piece has no osculating plane. Both are measured after a
+    smoothing of about one sample, so that the corners of grooms of few points do not count as curls.
 
     points : (S, N, 3), any length unit. Returns two (S,) float64 arrays, 1 / unit.
     """
-    edges = np.diff(points.astype(np.float64), axis=1)
+    smooth = convolve1d(points.astype(np.float64), SMOOTHING, axis=1, mode="nearest")[:, 2:-2]
+    edges = np.diff(smooth, axis=1)
     lengths = np.maximum(np.linalg.norm(edges, axis=2), 1e-12)
     bends = np.cross(edges[:, :-1], edges[:, 1:])
     sines = np.linalg.norm(bends, axis=2)
