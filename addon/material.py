@@ -9,11 +9,12 @@ import bpy
 HAIR = "Hairloom Hair"
 WISPS = "Hairloom Wisps"
 WISP_COLOR = "hairloom_wisp_color"
+_BROWN = (0.10, 0.05, 0.025, 1.0)
 
 
 def hair_material() -> bpy.types.Material:
     """The brown hair material, made on first use; the user may change it."""
-    return _material(HAIR, _hair_nodes, (0.10, 0.05, 0.025, 1.0))
+    return _material(HAIR, _hair_nodes, _BROWN)
 
 
 def wisp_material() -> bpy.types.Material:
@@ -22,7 +23,7 @@ def wisp_material() -> bpy.types.Material:
 
 
 def _material(
-    name: str, add_nodes: Callable[[bpy.types.NodeTree], bpy.types.Node], viewport_color: tuple[float, ...]
+    name: str, add_nodes: Callable[[bpy.types.NodeTree], None], viewport_color: tuple[float, ...]
 ) -> bpy.types.Material:
     material = bpy.data.materials.get(name)
     if material is not None:
@@ -32,32 +33,40 @@ def _material(
     if bpy.app.version < (5, 0):
         # from 5.0 on every material has nodes
         material.use_nodes = True
-    tree = material.node_tree
-    tree.nodes.clear()
-    shader = add_nodes(tree)
-    output = tree.nodes.new("ShaderNodeOutputMaterial")
-    output.location = (300, 0)
-    tree.links.new(shader.outputs[0], output.inputs["Surface"])
+    material.node_tree.nodes.clear()
+    add_nodes(material.node_tree)
     return material
 
 
-def _hair_nodes(tree: bpy.types.NodeTree) -> bpy.types.Node:
-    shader = tree.nodes.new("ShaderNodeBsdfHairPrincipled")
-    shader.model = "CHIANG"
-    shader.parametrization = "MELANIN"
+def _output(tree: bpy.types.NodeTree, shader: bpy.types.Node, target: str, height: float) -> None:
+    output = tree.nodes.new("ShaderNodeOutputMaterial")
+    output.target = target
+    shader.location, output.location = (0, height), (300, height)
+    tree.links.new(shader.outputs[0], output.inputs["Surface"])
+
+
+def _hair_nodes(tree: bpy.types.NodeTree) -> None:
+    hair = tree.nodes.new("ShaderNodeBsdfHairPrincipled")
+    hair.model = "CHIANG"
+    hair.parametrization = "MELANIN"
     for name, value in {
         "Melanin": 0.75, "Melanin Redness": 0.5, "Roughness": 0.3, "Radial Roughness": 0.4, "Random Color": 0.2,
         "Random Roughness": 0.1,
     }.items():  # fmt: skip
-        shader.inputs[name].default_value = value
-    return shader
+        hair.inputs[name].default_value = value
+    _output(tree, hair, "CYCLES", 0)
+    # EEVEE has no melanin: a surface of about the same brown
+    surface = tree.nodes.new("ShaderNodeBsdfPrincipled")
+    surface.inputs["Base Color"].default_value = _BROWN
+    surface.inputs["Roughness"].default_value = 0.45
+    _output(tree, surface, "EEVEE", -500)
 
 
-def _wisp_nodes(tree: bpy.types.NodeTree) -> bpy.types.Node:
+def _wisp_nodes(tree: bpy.types.NodeTree) -> None:
     color = tree.nodes.new("ShaderNodeAttribute")
     color.attribute_name = WISP_COLOR
     color.location = (-300, 0)
-    shader = tree.nodes.new("ShaderNodeBsdfPrincipled")
-    shader.inputs["Roughness"].default_value = 0.6
-    tree.links.new(color.outputs["Color"], shader.inputs["Base Color"])
-    return shader
+    surface = tree.nodes.new("ShaderNodeBsdfPrincipled")
+    surface.inputs["Roughness"].default_value = 0.6
+    tree.links.new(color.outputs["Color"], surface.inputs["Base Color"])
+    _output(tree, surface, "ALL", 0)

@@ -54,6 +54,22 @@ class WispSettings(ParamsGroup, bpy.types.PropertyGroup):
         name="Iterations", default=40, min=1, soft_max=100, max=10_000,
         description="Most iterations of the clustering; it stops earlier when nothing changes",
     )  # fmt: skip
+    iterations_per_split: IntProperty(
+        name="Iterations per Split", default=1, min=0, soft_max=10, max=10_000,
+        description="Most iterations of the clustering after wisps were split",
+    )  # fmt: skip
+    seeds_per_wisp: IntProperty(
+        name="Seeds per Wisp", default=8, min=1, soft_max=32, max=1000,
+        description="Random strands tried for each first wisp; 1 is quickest and finds the worst wisps",
+    )  # fmt: skip
+    seeds_per_split: IntProperty(
+        name="Seeds per Split", default=32, min=1, soft_max=64, max=1000,
+        description="How many wisps a wisp with too large an error may be split into at once",
+    )  # fmt: skip
+    merge: BoolProperty(
+        name="Merge", default=True,
+        description="At the end, merge neighbouring wisps where the largest error allows it",
+    )  # fmt: skip
     seed: IntProperty(name="Seed", default=0, min=0, description="Another number starts from other strands")
 
 

@@ -154,7 +154,8 @@ class HAIRLOOM_PT_wisps_more(HairloomPanel, bpy.types.Panel):
         hierarchy = scene.settings(context).synthesis.hierarchy
         column = _settings_column(self.layout)
         column.prop(hierarchy, "ratio")
-        _draw_settings(column, hierarchy.wisps, ("adaptive", "max_iterations", "seed"))
+        shown = ("n_wisps", "error_threshold")
+        _draw_settings(column, hierarchy.wisps, (n for n in hierarchy.wisps.setting_names() if n not in shown))
 
 
 class HAIRLOOM_PT_synthesis(HairloomPanel, bpy.types.Panel):

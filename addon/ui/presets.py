@@ -8,20 +8,13 @@ import bpy
 from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
-from ..props import RefineSettings
+from ..props import SynthesisSettings
 
 FOLDER = "hairloom/synthesis"
 # the folder that holds `presets/hairloom/synthesis`
 _BUNDLED = os.path.dirname(os.path.dirname(__file__))
-_VALUES = (
-    "n_samples", "n_features", "map_spacing", "use_refinement",
-    "hierarchy.n_levels", "hierarchy.ratio",
-    "hierarchy.wisps.n_wisps", "hierarchy.wisps.error_threshold", "hierarchy.wisps.adaptive",
-    "hierarchy.wisps.max_iterations",
-    "texture.window_sizes", "texture.n_scales", "texture.n_iterations", "texture.exponent", "texture.layout_weight",
-    "transfer.n_features", "transfer.n_donors",
-    *(f"refine.{name}" for name in RefineSettings.setting_names()),
-)  # fmt: skip
+# what a kind of hair says nothing about
+_NOT_KEPT = {"n_strands", "seed"}
 
 
 class HAIRLOOM_OT_add_synthesis_preset(AddPresetBase, bpy.types.Operator):
@@ -32,7 +25,7 @@ class HAIRLOOM_OT_add_synthesis_preset(AddPresetBase, bpy.types.Operator):
     preset_menu = "HAIRLOOM_PT_synthesis_presets"
     preset_subdir = FOLDER
     preset_defines = ["synthesis = bpy.context.scene.hairloom.synthesis"]
-    preset_values = [f"synthesis.{name}" for name in _VALUES]
+    preset_values: list[str] = []  # filled in when the settings are registered
 
 
 class HAIRLOOM_PT_synthesis_presets(PresetPanel, bpy.types.Panel):
@@ -49,7 +42,20 @@ _register, _unregister = bpy.utils.register_classes_factory(
 )
 
 
+def setting_paths(group: bpy.types.Struct, prefix: str = "") -> list[str]:
+    """The settings of a registered group and of the groups in it, as 'hierarchy.wisps.n_wisps'."""
+    paths = []
+    for rna in group.properties:
+        if rna.type == "POINTER" and rna.identifier != "rna_type":
+            paths += setting_paths(rna.fixed_type, f"{prefix}{rna.identifier}.")
+        elif rna.identifier not in {"rna_type", "name", *_NOT_KEPT}:
+            paths.append(f"{prefix}{rna.identifier}")
+    return paths
+
+
 def register() -> None:
+    paths = setting_paths(SynthesisSettings.bl_rna)
+    HAIRLOOM_OT_add_synthesis_preset.preset_values = [f"synthesis.{path}" for path in paths]
     _register()
     bpy.utils.register_preset_path(_BUNDLED)
 

@@ -74,7 +74,7 @@ def small_settings() -> None:
     synthesis = bpy.context.scene.hairloom.synthesis
     synthesis.n_samples = 16
     synthesis.map_spacing = 0.06
-    synthesis.hierarchy.wisps.n_wisps = 24
+    synthesis.hierarchy.wisps.n_wisps = 80
     synthesis.texture.window_sizes = (8, 4, 0)
     synthesis.texture.n_scales = 2
 

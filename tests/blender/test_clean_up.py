@@ -14,7 +14,7 @@ def dirty():
     _, head = scenes.groom_on_head()
     points = scenes.wavy_strands()
     spoiled = np.concatenate([points, points[:2], points[2:3] + 5.0, np.repeat(points[3:4, :1], 16, axis=1)])
-    bpy.data.objects.remove(bpy.data.objects["Hair"])
+    bpy.data.hair_curves.remove(bpy.data.hair_curves["Hair"])
     hair = scenes.groom(spoiled)
     hair.data.attributes.new("kept", "INT", "CURVE").data.foreach_set("value", np.arange(304, dtype=np.int32))
     return hair, head
@@ -38,7 +38,8 @@ def test_a_clean_groom_stays_as_it_is():
     hair, _ = scenes.groom_on_head()
     before = scenes.positions(hair)
     bpy.ops.hairloom.clean_up()
-    assert np.abs(scenes.positions(hair) - before).max() < 1e-6
+    # the roots are on the ball, its facets up to 0.4 mm within: they are snapped by that much
+    assert np.abs(scenes.positions(hair) - before).max() < 4.3e-4
 
 
 def test_clean_up_wants_a_head():

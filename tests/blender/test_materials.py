@@ -8,15 +8,25 @@ import scenes
 
 
 @pytest.mark.parametrize(
-    ("make", "shader"), [("hair_material", "BSDF_HAIR_PRINCIPLED"), ("wisp_material", "BSDF_PRINCIPLED")]
+    ("make", "engine", "shader"),
+    [
+        ("hair_material", "CYCLES", "BSDF_HAIR_PRINCIPLED"),
+        ("hair_material", "EEVEE", "BSDF_PRINCIPLED"),
+        ("wisp_material", "CYCLES", "BSDF_PRINCIPLED"),
+        ("wisp_material", "EEVEE", "BSDF_PRINCIPLED"),
+    ],
 )
-def test_a_material_ends_in_its_shader_and_is_made_once(make, shader):
-    material = scenes.module("material")
-    made = getattr(material, make)()
-    output = next(node for node in made.node_tree.nodes if node.type == "OUTPUT_MATERIAL")
+def test_each_engine_finds_its_shader(make, engine, shader):
+    made = getattr(scenes.module("material"), make)()
+    output = made.node_tree.get_output_node(engine)
     assert output.inputs["Surface"].links[0].from_node.type == shader
-    assert getattr(material, make)() == made
-    assert len(bpy.data.materials) == 1
+
+
+def test_a_material_is_made_once():
+    material = scenes.module("material")
+    assert material.hair_material() == material.hair_material()
+    assert material.wisp_material() == material.wisp_material()
+    assert len(bpy.data.materials) == 2
 
 
 def test_changes_of_the_user_stay():

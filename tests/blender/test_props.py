@@ -94,3 +94,20 @@ def test_bundled_presets_are_found_and_make_valid_settings(name):
     scenes.module("backend.registry").build_params(cls, settings().synthesis.to_params())
     assert settings().synthesis.hierarchy.n_levels == (2 if name == "Spiky" else 3)
     assert scenes.module("ui.presets").HAIRLOOM_PT_synthesis_presets.bl_label == name
+
+
+def test_a_preset_of_the_users_brings_every_setting_back(tmp_path):
+    synthesis = settings().synthesis
+    synthesis.hierarchy.wisps.n_wisps = 77
+    synthesis.texture.window_sizes = (24, 12, 0)
+    synthesis.use_refinement = False
+    kept = synthesis.to_params()
+    bpy.ops.hairloom.add_synthesis_preset(name="Mine of a test")
+    try:
+        bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+        assert settings().synthesis.to_params() != kept
+        path = bpy.utils.preset_find("Mine of a test", "hairloom/synthesis", display_name=True)
+        bpy.ops.script.execute_preset(filepath=path, menu_idname="HAIRLOOM_PT_synthesis_presets")
+        assert settings().synthesis.to_params() == kept
+    finally:
+        bpy.ops.hairloom.add_synthesis_preset(name="Mine of a test", remove_name=True)

@@ -24,7 +24,7 @@ def test_every_strand_gets_a_wisp_on_every_level(clustered):
     assert first.shape == second.shape == (300,)
     for labels in (first, second):
         assert (np.unique(labels) == np.arange(labels.max() + 1)).all()
-    assert first.max() + 1 >= 24
+    assert first.max() + 1 >= 80
     assert second.max() + 1 == round((first.max() + 1) / 4)
     # a wisp of level 1 lies within one wisp of level 2
     assert all(len(np.unique(second[first == wisp])) == 1 for wisp in np.unique(first))
@@ -101,7 +101,7 @@ def test_the_hair_material_comes_back(clustered):
 
 def test_colours_follow_a_new_clustering(clustered):
     bpy.ops.hairloom.show_wisps(level=1)
-    bpy.context.scene.hairloom.synthesis.hierarchy.wisps.n_wisps = 40
+    bpy.context.scene.hairloom.synthesis.hierarchy.wisps.n_wisps = 120
     bpy.ops.hairloom.cluster_wisps()
     colors = scenes.values(clustered, "hairloom_wisp_color", np.float32, 4, "color")
     assert len(np.unique(colors, axis=0)) == scenes.values(clustered, "hairloom_wisp").max() + 1
