@@ -220,12 +220,11 @@ def fit_wisps(
     farthest: Int32,
     energies: Float64,
 ) -> None:
-    """Write mean, L2 of the strands to it, nearest, farthest and sum of each wisp with refit[i] into the last five arrays.
+    """Fit each wisp with refit[i] to its strands: write its entries of the last five arrays.
 
-    The center is the mean strand (W-12), the seed the strand nearest to it (W-11), energies[i] the wisp's share of
-    equation (3). Of equally near strands
-    the first counts, of equally far ones the last, so that two strands or more are never both. Sums are float64, in the
-    order of the members.
+    The center is the mean strand (W-12), `distances` L2 of the strands to it, the seed the strand nearest to it (W-11),
+    energies[i] the wisp's share of equation (3). Of equally near strands the first counts, of equally far ones the last,
+    so that of two strands or more none is both. Sums are float64, in the order of the members.
     """
     n_coordinates = points.shape[1]
     for i in numba.prange(refit.shape[0]):

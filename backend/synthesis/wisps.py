@@ -54,7 +54,7 @@ class WispParams:
     adaptive: bool = True
     max_iterations: int = 40
     iterations_per_split: int = 1
-    seeds_per_wisp: int = 8
+    seeds_per_wisp: int = 16
     seeds_per_split: int = 32
     merge: bool = True
     seed: int = 0
@@ -158,9 +158,10 @@ def cluster_wisps(
     InputError : fewer strands than `params.n_wisps`, or coordinates that cannot be head radii.
     """
     count = strands.n_strands
+    require(count > 0, "there are no strands to group into wisps; choose a groom that has some")
     require(
         count >= params.n_wisps,
-        f"{count} strands cannot be grouped into {params.n_wisps} wisps; lower n_wisps to {max(count, 1)} or less",
+        f"{count} strands cannot be grouped into {params.n_wisps} wisps; lower n_wisps to {count} or less",
     )
     require(strands.n_points >= 1, "the strands have no points; resample them to 2 points or more")
     largest = max(float(strands.points.max()), -float(strands.points.min()))
@@ -243,9 +244,11 @@ def _split_until(
     hair: _Hair, partition: _Partition, threshold: float, params: WispParams, curve: _Curve, progress: Progress
 ) -> _Partition:
     """Split the wisps whose farthest strand is beyond `threshold` (W-14), until there are none."""
+    done = 0.0
     while True:
         is_split = partition.distances[partition.farthest] > threshold
-        progress(1.0 - float(is_split.mean()), f"Wisps: {partition.n_wisps}, {int(is_split.sum())} to split")
+        done = max(done, 1.0 - float(is_split.mean()))
+        progress(done, f"Wisps: {partition.n_wisps}, {int(is_split.sum())} to split")
         if not is_split.any():
             return partition
         n_before = partition.n_wisps
