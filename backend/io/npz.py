@@ -29,6 +29,7 @@ _HEADER = re.compile(
 )
 _NPY: Any = np.lib.format  # it has no type annotations in numpy 1
 _MAX_HEADER = 10_000
+SPARE, RATIO = 2**28, 200  # an archive may unpack to SPARE bytes and RATIO times its size
 # What a damaged or hostile archive makes zipfile raise.
 _ZIP_ERRORS = (
     zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, KeyError, RuntimeError, NotImplementedError,
@@ -64,8 +65,8 @@ def read_arrays(path: Path, data: bytes) -> dict[str, NDArray[Any]]:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = archive.infolist()
-            if sum(member.file_size for member in members) > 2**28 + 200 * len(data):
-                raise damaged(path, "it unpacks to more than 200 times its size; it is damaged or hostile")
+            if sum(member.file_size for member in members) > SPARE + RATIO * len(data):
+                raise damaged(path, f"it unpacks to more than {RATIO} times its size; it is damaged or hostile")
             arrays = {}
             for member in members:
                 name = member.filename.removesuffix(".npy")

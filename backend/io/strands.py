@@ -100,7 +100,8 @@ def read_strands_report(
         require(path.suffix.lower() == ".ply", "points_per_strand is for .ply files only")
         require(points_per_strand >= 1, f"points_per_strand is {points_per_strand}; it must be 1 or more")
         read = partial(ply.read, points_per_strand=points_per_strand)
-    raw = read(path, read_file(path))
+    with np.errstate(invalid="ignore", over="ignore"):  # NaN and infinite values are looked for below
+        raw = read(path, read_file(path))
     scaled = RawStrands(
         units.to_world(raw.points),
         raw.counts,

@@ -69,10 +69,11 @@ class KeywordLines:
         text = data.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ").replace(b"\r", b"\n")
         self.text = re.sub(rb"#[^\n]*", b"", text) if b"#" in text else text
         self.tokens: Indices = np.flatnonzero(token_starts(self.text))
-        line_of_token = np.cumsum(np.frombuffer(self.text, dtype=np.uint8) == _NEWLINE)[self.tokens]
-        is_first = np.ones(len(self.tokens), dtype=np.bool_)
-        is_first[1:] = line_of_token[1:] != line_of_token[:-1]
-        self.lines: Indices = np.append(np.flatnonzero(is_first), len(self.tokens))
+        newlines = np.flatnonzero(np.frombuffer(self.text, dtype=np.uint8) == _NEWLINE)
+        is_first = np.zeros(len(self.tokens) + 1, dtype=np.bool_)
+        is_first[np.searchsorted(self.tokens, newlines)] = True
+        is_first[[0, -1]] = True
+        self.lines: Indices = np.flatnonzero(is_first)
 
     @property
     def n_lines(self) -> int:
@@ -130,10 +131,11 @@ class KeywordLines:
         if not (np.abs(numbers) < 2**31).all() or (numbers != np.rint(numbers)).any():
             raise FileError(f"cannot read {self.path}: a vertex number of a face or line is no whole number")
         starts = np.flatnonzero(token_starts(text))
-        slashes_before = np.append(0, np.cumsum(is_slash))
-        first = np.arange(len(starts)) + slashes_before[starts]
-        n_slashes = np.diff(np.append(slashes_before[starts], slashes_before[-1]))
-        if len(numbers) != len(starts) + slashes_before[-1]:
+        slashes = np.flatnonzero(is_slash)
+        slashes_before = np.searchsorted(slashes, starts)
+        first = np.arange(len(starts)) + slashes_before
+        n_slashes = np.diff(np.append(slashes_before, len(slashes)))
+        if len(numbers) != len(starts) + len(slashes):
             raise FileError(f"cannot read {self.path}: a face or line has a stray '/'")
         whole = np.append(numbers, 0.0).astype(np.int64)
         return whole[first], np.where(n_slashes > 0, whole[np.minimum(first + 1, len(numbers))], 0), counts

@@ -1,7 +1,7 @@
 """Damaged files at every reader: a HairloomError or a valid result, never another exception, never much memory.
 
-Small valid files of each format are cut at every byte (of the first 300, which are the longest header, and some later) and get bytes flipped,
-numbers of the header replaced by extremes, and pieces repeated; seeds are fixed.
+Small valid files of each format are cut at every byte of their headers and at some later ones; bytes are flipped,
+numbers of the header replaced by extremes, and pieces repeated or left out; seeds are fixed.
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hairloom.errors import FileError, InputError
 from hairloom.io import hair, ply
+from hairloom.io.raw import Dropped, RawStrands, strands_from_raw
 from hairloom.io.strands import Units, read_strands, read_strands_report, suffixes, write_strands
 from hairloom.types import StrandSet
 
@@ -285,6 +286,51 @@ def test_binary_tfx_that_lies(tmp_path, header):
         read_strands(path)
 
 
+def test_version_4_with_every_array(tmp_path):
+    """Two strands of two points; the arrays lie in another order than the header names them."""
+    path = tmp_path / "a.tfx"
+    blocks = [
+        np.arange(4, dtype="<f4") + 0.5,  # strand uv, at 160
+        np.array([0.25, 0.5], dtype="<f4"),  # strand thickness, at 176
+        np.arange(16, dtype="<f4"),  # points, at 184
+        np.arange(16, dtype="<f4") / 16,  # colours, at 248
+        np.arange(8, dtype="<f4"),  # point uv, at 312
+    ]
+    header = struct.pack("<f7I", 4.0, 2, 2, 184, 160, 312, 176, 248).ljust(160, b"\0")
+    path.write_bytes(header + b"".join(block.tobytes() for block in blocks))
+    strands = read_strands(path, units=Units(0.1))
+    np.testing.assert_allclose(strands.points[1], [0.4, 0.5, 0.6])
+    np.testing.assert_array_equal(strands.point_attributes["inverse_mass"], [3, 7, 11, 15])
+    np.testing.assert_array_equal(strands.point_attributes["uv"][3], [6, 7])
+    np.testing.assert_array_equal(strands.point_attributes["color"][1], [0.25, 0.3125, 0.375, 0.4375])
+    np.testing.assert_array_equal(strands.strand_attributes["surface_uv_coordinate"][1], [2.5, 3.5])
+    # half the thickness, in metres
+    np.testing.assert_allclose(strands.strand_attributes["radius"], [0.0125, 0.025])
+    write_strands(path, strands, units=Units(0.1))
+    again = read_strands(path, units=Units(0.1))
+    np.testing.assert_allclose(again.strand_attributes["radius"], [0.0125, 0.025])
+
+
+@pytest.mark.parametrize(("bad_point", "strand"), [(0, 0), (1, 0), (2, 1), (4, 1), (5, 2)])
+def test_the_strand_of_a_nan_is_the_one_that_goes(bad_point, strand):
+    points = np.arange(18, dtype=np.float32).reshape(6, 3)
+    points[bad_point, 1] = np.nan
+    raw = RawStrands(points, np.array([2, 0, 3, 1]), strand_attributes={"name": np.array([0, 9, 1, 2])})
+    strands, dropped = strands_from_raw(raw)
+    assert dropped == Dropped(n_empty=1, n_non_finite=1)
+    assert strands.strand_attributes["name"].tolist() == [name for name in (0, 1, 2) if name != strand]
+    assert bad_point * 3 not in strands.points[:, 0]
+
+
+def test_raw_strands_that_do_not_fit_together_are_refused():
+    points = np.zeros((3, 3), dtype=np.float32)
+    for counts in ([2], [4, -1], [2, 2]):
+        with pytest.raises(InputError, match="counts"):
+            strands_from_raw(RawStrands(points, np.array(counts)))
+    with pytest.raises(InputError, match="shape"):
+        strands_from_raw(RawStrands(points[:, :2], np.array([3])))
+
+
 def test_strands_with_nan_are_set_aside_and_counted(tmp_path):
     path = tmp_path / "a.hair"
     write_hair(path)
@@ -484,9 +530,10 @@ def test_npz_that_lies(tmp_path, changes):
         read_strands(path)
 
 
-def test_npz_bombs_are_refused_before_they_unpack(tmp_path):
-    """272 MB of zeros, in an archive of 0.3 MB."""
+def test_npz_bombs_are_refused_before_they_unpack(tmp_path, monkeypatch):
+    """40 MB of zeros in an archive of 40 kB, with less to spare than usual."""
+    monkeypatch.setattr("hairloom.io.npz.SPARE", 2**20)
     path = tmp_path / "a.npz"
-    save_npz(path, bomb=np.broadcast_to(np.float32(0), (68_000_000,)))
+    save_npz(path, bomb=np.zeros(10_000_000, np.float32))
     with pytest.raises(FileError, match="200 times"):
         read_strands(path)
