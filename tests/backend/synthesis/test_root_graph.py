@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hairloom.synthesis import root_graph
@@ -92,9 +94,7 @@ def test_line_is_connected_in_order() -> None:
     order = np.random.default_rng(2).permutation(20)
     uv = np.stack([order * 0.0625, order * 0.03125], axis=-1).astype(np.float32)
     place = np.argsort(order)
-    assert edges_of(connect_roots(uv)) == {
-        (int(a), int(b)) for i, j in zip(place[:-1], place[1:]) for a, b in ((i, j), (j, i))
-    }
+    assert edges_of(connect_roots(uv)) == {(int(a), int(b)) for i, j in pairwise(place) for a, b in ((i, j), (j, i))}
 
 
 def test_no_edges_over_a_gap_but_one() -> None:
