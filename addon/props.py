@@ -9,7 +9,15 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, FloatProperty, IntProperty, IntVectorProperty, PointerProperty, StringProperty
+from bpy.props import (
+    BoolProperty,
+    EnumProperty,
+    FloatProperty,
+    IntProperty,
+    IntVectorProperty,
+    PointerProperty,
+    StringProperty,
+)
 
 
 class ParamsGroup:
@@ -133,6 +141,50 @@ class TransferSettings(ParamsGroup, bpy.types.PropertyGroup):
 
 class RefineSettings(ParamsGroup, bpy.types.PropertyGroup):
     """Settings of the refinement, which lets strands run together"""
+
+    spacing: FloatProperty(
+        name="Spacing", default=0.02, min=1e-4, soft_min=0.005, soft_max=0.1, max=1.0, precision=4, step=0.1,
+        description="Cell size of the flow field, in head radii, for the coarsest level; each finer level halves it",
+    )  # fmt: skip
+    step: FloatProperty(
+        name="Step", default=0.02, min=1e-4, soft_min=0.005, soft_max=0.1, max=1.0, precision=4, step=0.1,
+        description="Longest step of a strand that follows the flow, in head radii",
+    )  # fmt: skip
+    iterations: IntProperty(
+        name="Passes", default=2, min=1, soft_max=6, max=16,
+        description="Passes of averaging in the flow field; each trusts strands less that run across the others",
+    )  # fmt: skip
+    grid: EnumProperty(
+        name="Cells", default="auto", description="Where the cells of the flow field lie",
+        items=(
+            ("auto", "Automatic", "Over the scalp, or in the room where the hair hangs below it"),
+            ("scalp", "Over the Scalp", "Cells follow the scalp: best for short and middle lengths"),
+            ("world", "In the Room", "Straight cells: best for long draped hair"),
+        ),
+    )  # fmt: skip
+    blend: FloatProperty(
+        name="Strength", default=0.5, min=0.0, max=1.0, precision=2, subtype="FACTOR",
+        description="Share of the flow in a strand's direction: 0 leaves strands as they are, 1 follows the flow alone",
+    )  # fmt: skip
+    angle_limit_deg: FloatProperty(
+        name="Angle Limit", default=60.0, min=1.0, max=180.0, precision=0,
+        description="The flow is trusted less where it turns away from the strand by more degrees than this",
+    )  # fmt: skip
+    protect_curls: BoolProperty(
+        name="Protect Curls", default=True, description="Leave strands alone whose curls are smaller than a cell"
+    )
+    keep_length: BoolProperty(
+        name="Keep Length", default=True,
+        description="Keep the length of each strand; otherwise take that of an example strand that grows close by",
+    )  # fmt: skip
+    fill_gaps: BoolProperty(
+        name="Fill Gaps", default=True,
+        description="Where no other hair is, go on in the strand's own shape; otherwise the strand ends there",
+    )  # fmt: skip
+    clearance: FloatProperty(
+        name="Clearance", default=0.003, min=-1.0, soft_min=0.0, soft_max=0.05, max=1.0, precision=4, step=0.1,
+        description="Height over the scalp, in head radii, below which no strand is pushed",
+    )  # fmt: skip
 
 
 class CleanUpSettings(ParamsGroup, bpy.types.PropertyGroup):

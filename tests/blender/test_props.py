@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
+from pathlib import Path
 
 import bpy
 import pytest
@@ -88,8 +89,12 @@ def test_settings_are_saved(tmp_path):
 @pytest.mark.parametrize("name", ["Straight", "Wavy", "Curly", "Spiky", "Puffy"])
 def test_bundled_presets_are_found_and_make_valid_settings(name):
     folders = bpy.utils.preset_paths("hairloom/synthesis")
-    path = next(f"{folder}/{name}.py" for folder in folders)
-    bpy.ops.script.execute_preset(filepath=path, menu_idname="HAIRLOOM_PT_synthesis_presets")
+    path = next(path for folder in folders if (path := Path(folder, f"{name}.py")).is_file())
+    text = path.read_text(encoding="utf-8")
+    operator = scenes.module("ui.presets").HAIRLOOM_OT_add_synthesis_preset
+    # a preset that leaves a setting out would leave there what the one before set
+    assert [line.split(" = ")[0] for line in text.splitlines()[3:]] == operator.preset_values
+    bpy.ops.script.execute_preset(filepath=str(path), menu_idname="HAIRLOOM_PT_synthesis_presets")
     cls = scenes.module("backend.synthesis.pipeline").SynthesisParams
     scenes.module("backend.registry").build_params(cls, settings().synthesis.to_params())
     assert settings().synthesis.hierarchy.n_levels == (2 if name == "Spiky" else 3)

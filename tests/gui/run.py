@@ -35,6 +35,9 @@ def main(arguments: list[str]) -> int:
         return 2
     blender = arguments[0]
     package = Path(os.environ["HAIRLOOM_ZIP"]) if os.environ.get("HAIRLOOM_ZIP") else build_zip(blender)
+    if not package.is_file():
+        print(f"there is no {package}; HAIRLOOM_ZIP must name a zip, or be empty", file=sys.stderr)
+        return 2
     shutil.rmtree(OUT, ignore_errors=True)
     OUT.mkdir()
     with tempfile.TemporaryDirectory() as scratch:

@@ -1,0 +1,34 @@
+import bpy
+
+synthesis = bpy.context.scene.hairloom.synthesis
+synthesis.n_samples = 64
+synthesis.n_features = 16
+synthesis.map_spacing = 0.02
+synthesis.hierarchy.n_levels = 3
+synthesis.hierarchy.ratio = 4.0
+synthesis.hierarchy.wisps.n_wisps = 200
+synthesis.hierarchy.wisps.error_threshold = 0.1
+synthesis.hierarchy.wisps.adaptive = True
+synthesis.hierarchy.wisps.max_iterations = 40
+synthesis.hierarchy.wisps.iterations_per_split = 1
+synthesis.hierarchy.wisps.seeds_per_wisp = 8
+synthesis.hierarchy.wisps.seeds_per_split = 32
+synthesis.hierarchy.wisps.merge = True
+synthesis.texture.window_sizes = (32, 16, 8)
+synthesis.texture.n_scales = 3
+synthesis.texture.n_iterations = 10
+synthesis.texture.exponent = 0.8
+synthesis.texture.layout_weight = 0.0
+synthesis.transfer.n_features = 16
+synthesis.transfer.n_donors = 1
+synthesis.refine.spacing = 0.02
+synthesis.refine.step = 0.02
+synthesis.refine.iterations = 2
+synthesis.refine.grid = "auto"
+synthesis.refine.blend = 0.7
+synthesis.refine.angle_limit_deg = 60.0
+synthesis.refine.protect_curls = True
+synthesis.refine.keep_length = True
+synthesis.refine.fill_gaps = True
+synthesis.refine.clearance = 0.003
+synthesis.use_refinement = True
