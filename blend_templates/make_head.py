@@ -21,15 +21,16 @@ from scipy.sparse.linalg import spsolve
 Array = NDArray[np.float64]
 
 OUTPUT = Path(__file__).parent.parent / "backend" / "data" / "head.npz"
-CELL = 0.0055  # metres; about 6,000 vertices
+CELL = 0.0055  # metres; about 8,000 vertices
 NECK_BASE = -0.215  # height of the cut below the middle of the skull, which is the origin while sculpting
 
-# Height of the hairline, metres from the middle of the skull, by azimuth in degrees from the face (0) to the nape (180):
+# Height of the hairline, metres from the middle of the skull, by azimuth in degrees from the face to the nape (180):
 # forehead, temple, sideburn, over and behind the ear, nape.
 HAIRLINE = np.array(
     [
         (0, 0.056), (18, 0.057), (32, 0.047), (45, 0.038), (54, 0.026), (62, 0.002), (70, -0.022), (76, -0.024),
-        (83, 0.002), (95, 0.012), (108, 0.004), (118, -0.022), (128, -0.052), (142, -0.074), (160, -0.083), (180, -0.085),
+        (83, 0.002), (95, 0.012), (108, 0.004), (118, -0.022), (128, -0.052), (142, -0.074),
+        (160, -0.083), (180, -0.085),
     ]
 )  # fmt: skip
 AXIS = np.array([0.0, 0.012])  # x, y of the vertical line that azimuths are measured around
@@ -67,23 +68,23 @@ def skull_and_face(p: Array) -> Array:
     f = smooth_union(f, ellipsoid(p, (0, 0.048, -0.012), (0.066, 0.062, 0.066)), 0.03)
     f = smooth_union(f, ellipsoid(p, (0, -0.030, 0.006), (0.061, 0.056, 0.064)), 0.03)
     f = smooth_union(f, ellipsoid(p, (0, -0.030, -0.056), (0.057, 0.055, 0.064)), 0.03)
-    f = smooth_union(f, ellipsoid(p, (0.043, -0.050, -0.047), (0.021, 0.024, 0.019)), 0.025)
-    f = smooth_union(f, capsule(p, (0.052, 0.002, -0.078), (0.017, -0.066, -0.118), 0.013, 0.015), 0.03)
+    f = smooth_union(f, ellipsoid(p, (0.042, -0.049, -0.049), (0.018, 0.022, 0.018)), 0.03)
+    f = smooth_union(f, capsule(p, (0.050, 0.002, -0.080), (0.015, -0.066, -0.119), 0.012, 0.014), 0.03)
     f = smooth_union(f, ellipsoid(p, (0, -0.050, -0.098), (0.038, 0.037, 0.036)), 0.025)
     return smooth_union(f, ellipsoid(p, (0, -0.074, -0.121), (0.021, 0.017, 0.015)), 0.022)
 
 
 def features(p: Array, f: Array) -> Array:
     """Brows, eyes, nose and mouth on the face."""
-    f = smooth_union(f, capsule(p, (0.012, -0.082, -0.011), (0.046, -0.066, -0.010), 0.008, 0.006), 0.018)
-    f = smooth_difference(f, ellipsoid(p, (0.032, -0.093, -0.029), (0.018, 0.014, 0.011)), 0.016)
+    f = smooth_union(f, capsule(p, (0.016, -0.0800, -0.0090), (0.044, -0.0665, -0.0080), 0.0055, 0.005), 0.022)
+    f = smooth_difference(f, ellipsoid(p, (0.032, -0.094, -0.029), (0.018, 0.014, 0.0105)), 0.018)
     f = smooth_union(f, ellipsoid(p, (0.031, -0.0665, -0.030), (0.0145, 0.0135, 0.0125)), 0.006)
     f = smooth_union(f, capsule(p, (0, -0.079, -0.018), (0, -0.103, -0.063), 0.0065, 0.0085), 0.012)
-    f = smooth_union(f, ellipsoid(p, (0, -0.1045, -0.066), (0.0095, 0.0095, 0.0085)), 0.008)
-    f = smooth_union(f, ellipsoid(p, (0.0115, -0.093, -0.068), (0.0075, 0.010, 0.0075)), 0.008)
-    f = smooth_union(f, ellipsoid(p, (0, -0.0835, -0.0885), (0.021, 0.0115, 0.0060)), 0.006)
-    f = smooth_union(f, ellipsoid(p, (0, -0.0820, -0.0985), (0.0185, 0.0115, 0.0068)), 0.006)
-    return smooth_difference(f, capsule(p, (0, -0.0965, -0.0934), (0.022, -0.0865, -0.0940), 0.0022, 0.0012), 0.004)
+    f = smooth_union(f, ellipsoid(p, (0, -0.1035, -0.065), (0.0095, 0.0095, 0.009)), 0.01)
+    f = smooth_union(f, ellipsoid(p, (0.0105, -0.094, -0.067), (0.008, 0.0105, 0.0085)), 0.012)
+    f = smooth_union(f, ellipsoid(p, (0, -0.0800, -0.0880), (0.0250, 0.0140, 0.0075)), 0.008)
+    f = smooth_union(f, ellipsoid(p, (0, -0.0795, -0.0993), (0.0220, 0.0140, 0.0078)), 0.008)
+    return smooth_difference(f, capsule(p, (0, -0.0975, -0.0936), (0.023, -0.0855, -0.0938), 0.0024, 0.0018), 0.006)
 
 
 def ear(p: Array) -> Array:
@@ -94,7 +95,7 @@ def ear(p: Array) -> Array:
     turned[..., 1] = np.cos(angle) * local[..., 1] - np.sin(angle) * local[..., 2]
     turned[..., 2] = np.sin(angle) * local[..., 1] + np.cos(angle) * local[..., 2]
     turned[..., 0] = local[..., 0] - 0.35 * np.maximum(turned[..., 1], 0.0)
-    f = ellipsoid(turned, (0.0, 0.0, 0.0), (0.0085, 0.0185, 0.0315))
+    f = ellipsoid(turned, (0.0, 0.0, 0.0), (0.0088, 0.0180, 0.0305))
     return smooth_difference(f, ellipsoid(turned, (0.0105, -0.003, 0.002), (0.0085, 0.0105, 0.0185)), 0.005)
 
 
@@ -103,11 +104,11 @@ def field(points: Array) -> Array:
     p = points.copy()
     p[..., 0] = np.abs(p[..., 0])
     f = features(p, skull_and_face(p))
-    neck = capsule(p / np.array([1.0, 1.06, 1.0]), (0, 0.018, -0.085), (0, 0.034, -0.27), 0.0525, 0.0585)
+    neck = capsule(p / np.array([1.0, 1.06, 1.0]), (0, 0.018, -0.085), (0, 0.032, -0.27), 0.0485, 0.0560)
     f = smooth_union(f, neck, 0.035)
-    f = smooth_union(f, capsule(p, (0.045, 0.022, -0.075), (0.012, -0.020, -0.225), 0.012, 0.016), 0.03)
+    f = smooth_union(f, capsule(p, (0.044, 0.020, -0.075), (0.022, -0.006, -0.225), 0.011, 0.014), 0.04)
     f = smooth_union(f, ear(p), 0.009)
-    return -smooth_union(-f, points[..., 2] - NECK_BASE, 0.006)
+    return -smooth_union(-f, points[..., 2] - NECK_BASE, 0.014)
 
 
 def gradient(points: Array) -> Array:
@@ -178,12 +179,12 @@ def even_out(vertices: Array, quads: NDArray[np.int64], partner: NDArray[np.int6
     edges = np.concatenate([quads[:, [k, (k + 1) % 4]] for k in range(4)])
     edges = np.unique(np.sort(edges, axis=1), axis=0)
     count = np.bincount(edges.ravel(), minlength=len(vertices))[:, None]
+    links = coo_array(
+        (np.ones(2 * len(edges)), (edges.ravel(), edges[:, ::-1].ravel())), shape=(len(vertices),) * 2
+    ).tocsr()
     for _ in range(rounds):
-        sums = np.zeros_like(vertices)
-        np.add.at(sums, edges[:, 0], vertices[edges[:, 1]])
-        np.add.at(sums, edges[:, 1], vertices[edges[:, 0]])
         normals = gradient(vertices)
-        move = sums / count - vertices
+        move = links @ vertices / count - vertices
         move -= normals * np.einsum("vc,vc->v", move, normals)[:, None]
         vertices = onto_surface(vertices + 0.6 * move, partner)
     return vertices
@@ -218,9 +219,25 @@ def snap_to_hairline(vertices: Array, partner: NDArray[np.int64], cell: float) -
         normals = gradient(vertices)
         slope -= normals * np.einsum("vc,vc->v", slope, normals)[:, None]
         step = value[:, None] * slope / np.maximum((slope**2).sum(axis=1, keepdims=True), 0.3)
-        near = np.linalg.norm(step, axis=1) < 0.42 * cell
+        # the ears keep their vertices: there the line is short, and bends more sharply than the mesh can
+        near = (np.linalg.norm(step, axis=1) < 0.4 * cell) & (ear(vertices * np.sign(vertices[:, :1] + 1e-12)) > 0.006)
         vertices = onto_surface(vertices - np.where(near[:, None], step, 0.0), partner)
     return vertices
+
+
+def undo_folds(moved: Array, before: Array, triangles: NDArray[np.int64], partner: NDArray[np.int64]) -> Array:
+    """Put the vertices of triangles that face the wrong way, or are slivers, back to where they were."""
+    moved = moved.copy()
+    for _ in range(4):
+        corners = moved[triangles]
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        facing = np.einsum("tc,tc->t", cross, gradient(corners.mean(axis=1)))
+        folded = facing < 0.06 * np.median(facing)
+        bad = np.zeros(len(moved), bool)
+        bad[triangles[folded]] = True
+        bad |= bad[partner]
+        moved[bad] = before[bad]
+    return moved
 
 
 def unwrap_head(vertices: Array, triangles: NDArray[np.int64]) -> Array:
@@ -245,11 +262,13 @@ def flatten(vertices: Array, faces: NDArray[np.int64], slim: bool) -> Array:
     uv = tutte(faces, border, circle)
     if not slim:
         return uv
+    # the energy is least where the chart is as large as the skin
+    uv *= np.sqrt(igl.doublearea(vertices, faces).sum() / (2.0 * np.pi))
     data = igl.slim_precompute(
         np.asfortranarray(vertices), np.asfortranarray(faces, np.int32), np.asfortranarray(uv),
         igl.MappingEnergyType.SYMMETRIC_DIRICHLET, np.empty(0, np.int32), np.empty((0, 2), order="F"), 0.0,
     )  # fmt: skip
-    return np.asarray(igl.slim_solve(data, 60))[:, :2]
+    return np.asarray(igl.slim_solve(data, 100))[:, :2]
 
 
 def tutte(faces: NDArray[np.int64], border: NDArray[np.int64], places: Array) -> Array:
@@ -271,8 +290,9 @@ def make_head() -> Head:
     partner = mirror_partners(vertices, CELL)
     vertices = onto_surface(vertices, partner)
     vertices = even_out(vertices, quads, partner, 30)
-    vertices = snap_to_hairline(vertices, partner, CELL)
-    triangles = split_quads(vertices, quads, partner)
+    snapped = snap_to_hairline(vertices, partner, CELL)
+    triangles = split_quads(snapped, quads, partner)
+    vertices = undo_folds(snapped, vertices, triangles, partner)
     scalp = above_hairline(vertices[triangles].mean(axis=1)) > 0
     corner_uv = unwrap_head(vertices, triangles)
     placed = np.round(vertices - [0.0, 0.0, NECK_BASE], 6).astype(np.float32)
