@@ -1,4 +1,4 @@
-"""Kernel of `geometry.strands`: resampling of ragged strands."""
+"""Kernels of `geometry.strands`: resampling and subdivision of ragged strands."""
 
 from __future__ import annotations
 
@@ -48,3 +48,28 @@ def resample_values(points: Floats, offsets: Int32, values: Floats, out: Floats)
                 start = np.float64(values[first + segment, channel])
                 end = np.float64(values[first + segment + 1, channel])
                 out[strand, sample, channel] = start + (end - start) * share
+
+
+@parallel_kernel
+def subdivide_points(points: Floats, offsets: Int32, finer_offsets: Int32, factor: int, out: Floats) -> None:
+    """Fill out (Q, 3) with `factor` points a segment of the Catmull-Rom curves through points (P, 3), ends kept.
+
+    Beyond its ends a strand goes on with its end point, as Blender's Catmull-Rom curves do.
+    """
+    for strand in numba.prange(len(offsets) - 1):
+        first, last = offsets[strand], offsets[strand + 1] - 1
+        place = finer_offsets[strand]
+        for i in range(first, last):
+            before, after = max(i - 1, first), min(i + 2, last)
+            for k in range(factor):
+                t = k / factor
+                a = ((2.0 - t) * t - 1.0) * t
+                b = (3.0 * t - 5.0) * t * t + 2.0
+                c = ((4.0 - 3.0 * t) * t + 1.0) * t
+                d = (t - 1.0) * t * t
+                for axis in range(3):
+                    value = a * points[before, axis] + b * points[i, axis] + c * points[i + 1, axis]
+                    out[place + k, axis] = 0.5 * (value + d * points[after, axis])
+            place += factor
+        for axis in range(3):
+            out[place, axis] = points[last, axis]

@@ -32,7 +32,7 @@ from ._scalp_space_kernels import (
     unmap_angles,
 )
 from .scalp_fit import ScalpMaps, fit_axes, fit_sphere, measure_maps
-from .strands import from_dense, resample
+from .strands import from_dense, resample_smooth
 
 _ORIGIN = np.zeros(3)
 
@@ -162,9 +162,11 @@ def fit_scalp_space(
 def root_strands(strands: StrandSet, space: ScalpSpace, n_points: int = 64) -> RootedStrands:
     """Strands resampled to `n_points` of uniform arc length in the frames of their roots (W-5, W-7, W-8).
 
+    Strands of fewer points are taken as the Catmull-Rom curves that Blender draws: their corners are no details.
+
     `strands` in world space, metres; the result in head radii. Raises InputError below 2 points.
     """
-    points = resample(strands, n_points)
+    points = resample_smooth(strands, n_points)
     roots = space.world_to_head(points[:, 0])
     uv = np.ascontiguousarray(space.to_scalp(roots)[:, :2])
     frames = space.frames_at(uv)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import require
 from ..types import AttributeArrays, Float32, Float64, Floats, Int32, StrandSet
-from ._strands_kernels import resample_values
+from ._strands_kernels import resample_values, subdivide_points
 
 MAX_POINTS = 2**31 - 1  # offsets are int32
 
@@ -52,6 +52,34 @@ def resample(strands: StrandSet, n_points: int) -> Float32:
     out = np.empty((strands.n_strands, n_points, 3), dtype=np.float32)
     resample_values(np.ascontiguousarray(strands.points), strands.offsets, np.ascontiguousarray(strands.points), out)
     return out
+
+
+def subdivide(strands: StrandSet, factor: int) -> StrandSet:
+    """Each segment in `factor` pieces along the Catmull-Rom curve through the points; the points are kept.
+
+    Blender draws native Curves this way, so a groom of few points is smooth where its polylines have corners.
+    Attributes are left out. A strand of one point stays as it is.
+
+    Raises
+    ------
+    InputError : a factor below 1.
+    """
+    require(factor >= 1, f"factor is {factor}; it must be 1 or more")
+    counts = (strands.point_counts.astype(np.int64) - 1) * factor + 1
+    require(counts.sum() <= MAX_POINTS, f"{counts.sum()} points are too many; use a smaller factor")
+    offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+    out = np.empty((int(counts.sum()), 3), np.float32)
+    subdivide_points(np.ascontiguousarray(strands.points), strands.offsets, offsets, factor, out)
+    return StrandSet(out, offsets)
+
+
+def resample_smooth(strands: StrandSet, n_points: int) -> Float32:
+    """`resample` along Catmull-Rom curves where strands have fewer points than `n_points`, else along polylines."""
+    _check_sample_count(n_points)
+    mean_count = len(strands.points) / max(strands.n_strands, 1)
+    # twice as many points as samples: the polyline's corners then turn less than the samples resolve
+    factor = min(8, -(-2 * n_points // max(1, round(mean_count)))) if mean_count < n_points else 1
+    return resample(strands if factor == 1 else subdivide(strands, factor), n_points)
 
 
 def resample_set(strands: StrandSet, n_points: int) -> StrandSet:

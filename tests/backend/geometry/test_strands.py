@@ -11,9 +11,11 @@ from hairloom.geometry.strands import (
     polyline_lengths,
     resample,
     resample_set,
+    resample_smooth,
     select_strands,
     strand_lengths,
     strand_of_point,
+    subdivide,
     transform_strands,
 )
 from hairloom.types import StrandSet
@@ -169,3 +171,29 @@ def test_transform_refuses_bad_matrices(matrix):
 def test_from_dense_refuses_other_shapes():
     with pytest.raises(InputError, match=r"\(S, N, 3\)"):
         from_dense(np.zeros((4, 3), dtype=np.float32))
+
+
+def test_subdivision_keeps_the_points_and_follows_a_circle():
+    angle = np.linspace(0, 2, 9)
+    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1).astype(np.float32)
+    strands = StrandSet(np.concatenate([circle, circle[:1]]), np.array([0, 9, 10], np.int32))
+    finer = subdivide(strands, 4)
+    assert finer.offsets.tolist() == [0, 33, 34]
+    np.testing.assert_array_equal(finer.points[:33:4], circle)
+    inner = np.linalg.norm(finer.points[4:29], axis=1)  # the end segments bend less, as nothing lies beyond them
+    np.testing.assert_allclose(inner, 1.0, atol=2e-4)  # the polyline is off by 1 - cos(1/8) = 8e-3
+    straight = StrandSet(
+        np.linspace(0, 1, 5, dtype=np.float32)[:, None] * np.ones((1, 3), np.float32), np.array([0, 5], np.int32)
+    )
+    on_line = subdivide(straight, 3).points
+    np.testing.assert_allclose(on_line, on_line[:, :1].repeat(3, 1), atol=1e-7)
+
+
+def test_smooth_resampling_leaves_strands_of_many_points_as_they_are():
+    rng = np.random.default_rng(0)
+    many = from_dense(rng.normal(size=(3, 40, 3)))
+    np.testing.assert_array_equal(resample_smooth(many, 20), resample(many, 20))
+    few = from_dense(rng.normal(size=(3, 5, 3)))
+    smooth = resample_smooth(few, 20)
+    np.testing.assert_array_equal(smooth[:, [0, -1]], resample(few, 20)[:, [0, -1]])
+    assert np.abs(smooth - resample(few, 20)).max() > 0.01
