@@ -35,7 +35,9 @@ class SynthesisParams:
     n_features: int = 16  # n_f, PCA dimensions of the feature map
     map_spacing: float = 0.02  # Delta_2D, radians of (u, v)
     hierarchy: HierarchyParams = field(default_factory=HierarchyParams)
-    texture: TextureParams = field(default_factory=TextureParams)
+    # hair hangs: a wisp of the nape on the brow is no hairstyle, so sources come from about the same place of the scalp.
+    # 0 is the paper's; 5 keeps the layout of a real groom (tip directions) with three quarters of the strands new.
+    texture: TextureParams = field(default_factory=lambda: TextureParams(layout_weight=5.0))
     transfer: TransferParams = field(default_factory=TransferParams)
     refine: RefineParams = field(
         default_factory=RefineParams
