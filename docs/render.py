@@ -35,6 +35,9 @@ VIEWS: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] 
 }
 DEFAULT_RADIUS = 8e-5  # metres, of a strand that carries no radius
 COLOUR_ATTRIBUTE = "hairloom_colour"
+SCALP_SHADE = "hairloom_scalp"
+SKIN = (0.36, 0.33, 0.31, 1.0)  # linear RGBA
+SHADED_SKIN = (0.085, 0.065, 0.055, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,12 +184,42 @@ def _add_head(scene: Any, head: Head) -> None:
     mesh = bpy.data.meshes.new("head")
     mesh.from_pydata(head.vertices.tolist(), [], head.triangles.tolist())
     mesh.shade_smooth()
-    material = bpy.data.materials.new("head")
-    shader = _plain_nodes(material)["Principled BSDF"]
-    shader.inputs["Base Color"].default_value = (0.36, 0.33, 0.31, 1.0)
-    shader.inputs["Roughness"].default_value = 0.6
-    mesh.materials.append(material)
+    shade_scalp(mesh, head)
+    mesh.materials.append(head_material("head"))
     scene.collection.objects.link(bpy.data.objects.new("head", mesh))
+
+
+def shade_scalp(mesh: Any, head: Head) -> None:
+    """Write `hairloom_scalp`, 1 on the scalp fading to 0 at its border: `head_material` is darker there.
+
+    Few thick strands stand for many thin ones, so skin shines through where a real head has hair.
+    """
+    corners = head.triangles.ravel()
+    shared = np.bincount(corners, minlength=len(head.vertices))
+    shade = head.scalp.astype(np.float64)
+    for _ in range(3):
+        on_vertices = np.bincount(corners, np.repeat(shade, 3), len(shared)) / np.maximum(shared, 1)
+        shade = np.minimum(on_vertices[head.triangles].mean(axis=1), head.scalp)
+    mesh.attributes.new(SCALP_SHADE, "FLOAT", "POINT").data.foreach_set("value", on_vertices.astype(np.float32))
+
+
+def head_material(name: str) -> Any:
+    """A new plain skin-grey material, dark where `shade_scalp` says."""
+    material = bpy.data.materials.new(name)
+    nodes = _plain_nodes(material)
+    links = material.node_tree.links
+    shader = nodes["Principled BSDF"]
+    shader.inputs["Roughness"].default_value = 0.6
+    scalp = nodes.new("ShaderNodeAttribute")
+    scalp.attribute_name = SCALP_SHADE
+    scalp.location = (-500.0, 200.0)
+    ramp = nodes.new("ShaderNodeValToRGB")
+    ramp.location = (-300.0, 200.0)
+    ramp.color_ramp.elements[0].color = SKIN
+    ramp.color_ramp.elements[1].color = SHADED_SKIN
+    links.new(scalp.outputs["Fac"], ramp.inputs["Fac"])
+    links.new(ramp.outputs["Color"], shader.inputs["Base Color"])
+    return material
 
 
 def _add_strands(scene: Any, strands: StrandSet, colours: Floats | None, params: RenderParams) -> None:
@@ -273,9 +306,9 @@ def _add_camera_and_lights(scene: Any, points: Floats, params: RenderParams) -> 
 
     scene.camera = place("camera", camera, (0.0, 0.0, distance))
     for name, offset, size, strength in (
-        ("key", (-1.3, 1.4, 1.7), 0.9, 26.0),
-        ("fill", (1.8, 0.2, 1.4), 1.6, 7.0),
-        ("rim", (0.9, 1.5, -1.9), 0.9, 34.0),
+        ("key", (-1.3, 1.4, 1.7), 0.9, 42.0),
+        ("fill", (1.8, 0.2, 1.4), 1.6, 16.0),
+        ("rim", (0.9, 1.5, -1.9), 0.9, 42.0),
     ):
         light = bpy.data.lights.new(name, "AREA")
         light.size = size * extent
