@@ -116,8 +116,8 @@ class TextureSettings(ParamsGroup, bpy.types.PropertyGroup):
         description="Exponent of the energy: 2 blends pieces that disagree, smaller values let one of them win",
     )  # fmt: skip
     layout_weight: FloatProperty(
-        name="Keep Layout", default=0.0, min=0.0, soft_max=2.0, max=1000.0, precision=2,
-        description="Pull towards pieces from the same place on the scalp; 0 lays the hairstyle out freely",
+        name="Keep Layout", default=5.0, min=0.0, soft_max=20.0, max=1000.0, precision=2,
+        description="Pull towards pieces from the same place on the scalp; 0 lays the hairstyle out freely, as in the paper",
     )  # fmt: skip
 
     def to_params(self) -> dict[str, Any]:
