@@ -38,17 +38,37 @@ def parse_numbers(path: Path, text: bytes, locate: Callable[[int], int] = int) -
     FileError : a token that is no number.
     """
     starts = np.flatnonzero(token_starts(text))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # numpy's word for the stop at a bad token, checked below
-        try:
-            numbers = np.fromstring(text, dtype=np.float64, sep=" ") if len(starts) else np.zeros(0)
-        except ValueError:
-            numbers = np.zeros(0)
-    if len(numbers) != len(starts):
-        bad = int(starts[min(len(numbers), len(starts) - 1)])
+    numbers = _numbers_or_none(text, len(starts))
+    if numbers is None:
+        bad = int(starts[_first_bad_token(text, starts)])
         token = text[bad : bad + 24].split()[0].decode("ascii", "replace")
-        raise damaged(path, f"{token!r} is no number, or what stands before it", locate(bad))
+        raise damaged(path, f"{token!r} is no number", locate(bad))
     return numbers
+
+
+def _numbers_or_none(text: bytes, count: int) -> Float64 | None:
+    """The numbers of a text of `count` tokens; None when one of them is no number."""
+    if not count:
+        return np.zeros(0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # numpy 1 warns at a bad token, numpy 2.5 raises
+        try:
+            numbers = np.fromstring(text, dtype=np.float64, sep=" ")
+        except (ValueError, DeprecationWarning):
+            return None
+    return numbers if len(numbers) == count else None
+
+
+def _first_bad_token(text: bytes, starts: Indices) -> int:
+    """Which token is the first that is no number, found by halving; there is one."""
+    good, bad = 0, len(starts)  # the tokens before `good` are numbers, and not all before `bad` are
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        if _numbers_or_none(text[starts[good] : starts[middle]], middle - good) is not None:
+            good = middle
+        else:
+            bad = middle
+    return good
 
 
 class KeywordLines:

@@ -468,6 +468,7 @@ def test_obj_lines_in_all_their_forms(tmp_path):
         (b"l -1\nv 0 0 0\n", "names vertex -1"),
         (b"v 0 0\nl 1\n", "needs 3 numbers"),
         (b"v 0 0 x\nl 1\n", "'x' is no number"),
+        (b"v 0 0 1.5abc\nl 1\n", "at byte 6: '1.5abc' is no number"),
         (b"v 0 0 0\nl 1.5\n", "no whole number"),
         (b"v 0 0 0\nl 1e300\n", "no whole number"),
         (b"v 0 0 0\nl 99999999999999999999\n", "whole number|names vertex"),
