@@ -1,14 +1,14 @@
 """Reading and writing hair by file suffix: .hair, .data, .tfx, .ply, .obj and .npz.
 
-Unit and axes unless told, attributes kept (all others are lost on writing), and which strands it can or cannot hold:
-
-.hair  metres, z up unless told   point radius, transparency, color (RGB)            up to 65,536 points a strand
-.data  metres, y up               none                                               strands of one point
-.tfx   metres, y up               version 4: point inverse_mass, uv, color (RGBA),   version 3, 4: one number of points
-                                  strand radius, surface_uv_coordinate
-.ply   metres, y up               point radius, color (RGB)                          one number of points a strand
-.obj   metres, y up               none                                               any
-.npz   metres, z up               all                                                any
+suffix  unless told     attributes kept; others are lost on writing       strands it can hold
+.hair   metres, z up    of points: radius, transparency, color (RGB)     up to 65,536 points
+.data   metres, y up    none                                             two points or more; of one: empty
+.tfx    metres, y up    version 4 only, of points: inverse_mass, uv,     version 2: any
+                        color (RGBA); of strands: radius,                version 3 and 4: all with one number
+                        surface_uv_coordinate                            of points
+.ply    metres, y up    of points: radius, color (RGB)                   all with one number of points
+.obj    metres, y up    none                                             any
+.npz    metres, z up    all                                              any
 """
 
 from __future__ import annotations
