@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import zoom
 from scipy.sparse import csr_array, diags_array, eye_array, kron
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
@@ -22,6 +23,9 @@ _LARGEST_POLAR_ANGLE = np.radians(150.0)
 # The maps are measured this far around the scalp, head radii, and fall back to the sphere over this many radians of u.
 _MARGIN = 0.1
 _FALL_OFF = 0.3
+# In the margin d may change by this many radii per radian of (u, v); steeper is a step.
+_STEEPEST = 2.5
+_SMOOTHING_SWEEPS = 24
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,13 +173,17 @@ def measure_maps(
     distance, triangle = surface.first_hits(centre + reach * world, -world)
     height = (reach - distance) / radius
     hit = (triangle >= 0) & (height > 0.05)
+    grid = (resolution, resolution)
+    height = np.where(hit, height, 0.0)
+    on_scalp = hit & patch.scalp[triangle]
+    hit = _connected_heights(height.reshape(grid), on_scalp.reshape(grid), hit.reshape(grid)).ravel()
     offsets = np.zeros((4, len(world)))
     offsets[0, hit] = height[hit] - 1.0
     points = centre + (radius * height[hit])[:, None] * world[hit]
     normals = surface.normals_at(triangle[hit], surface.barycentric_at(triangle[hit], points))
     offsets[1:, hit] = (normals @ rotation.T - directions[hit]).T
-    filled = _continue_smoothly(offsets.reshape(4, resolution, resolution), hit.reshape(resolution, resolution))
-    normal = filled[1:] + directions.T.reshape(3, resolution, resolution)
+    filled = _continue_smoothly(offsets.reshape(4, *grid), hit.reshape(grid))
+    normal = filled[1:] + directions.T.reshape(3, *grid)
     lengths = np.linalg.norm(normal, axis=0)
     sound = lengths > 1e-3
     normal = np.where(sound, normal / np.where(sound, lengths, 1.0), directions.T.reshape(normal.shape))
@@ -208,29 +216,63 @@ def _with_margin(head: Head, centre: Float64, margin: float) -> Bools:
         reached = grown
 
 
-def _continue_smoothly(values: Float64, known: Bools) -> Float64:
-    """`values` (C, H, H) where `known`; elsewhere the solution of L^2 Laplace(f) = f that is 0 on the grid's border.
+def _connected_heights(height: Float64, scalp: Bools, margin: Bools) -> Bools:
+    """(H, H) bool: the nodes over the scalp, and those of the margin that its surface reaches without a jump.
 
-    The border is one point, S0, so 0 there keeps the maps single-valued. L is `_FALL_OFF`.
+    An ear or a shoulder beside the scalp is a step in d, which would tear the coordinates of the hair above it.
+    """
+    step = _STEEPEST * np.pi / (height.shape[0] - 1)
+    known = scalp.copy()
+    while True:
+        grown = known.copy()
+        for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):
+            beside, value = np.roll(known, shift, axis), np.roll(height, shift, axis)
+            grown |= margin & beside & (np.abs(height - value) < step)
+        if (grown == known).all():
+            return known
+        known = grown
+
+
+def _continue_smoothly(values: Float64, known: Bools) -> Float64:
+    """`values` (C, H, H) where `known`; elsewhere about the solution of L^2 Laplace(f) = f that is 0 on the border.
+
+    The border of the grid is one point, S0; 0 there keeps the maps single-valued. L is `_FALL_OFF`. Smoothness is all that
+    matters: solved on a quarter of the nodes each way, and evened out on the grid itself.
     """
     resolution = known.shape[0]
-    length = _FALL_OFF / np.pi * (resolution - 1)
     fixed = known.copy()
     fixed[[0, -1], :] = True
     fixed[:, [0, -1]] = True
-    values = values.copy()
+    values = np.where(fixed, values, 0.0)
     values[:, [0, -1], :] = 0.0
     values[:, :, [0, -1]] = 0.0
+    coarse = np.rint(np.linspace(0, resolution - 1, max(resolution // 4, 8))).astype(int)
+    picked = np.ix_(coarse, coarse)
+    filled = _solve_screened(values[(slice(None), *picked)], fixed[picked])
+    factor = resolution / len(coarse)
+    guess = np.stack([zoom(channel, factor, order=1) for channel in filled])
+    values = np.where(fixed, values, guess)
+    screen = 4.0 + (np.pi / (_FALL_OFF * (resolution - 1))) ** 2
+    free = ~fixed[1:-1, 1:-1]
+    for _ in range(_SMOOTHING_SWEEPS):
+        around = values[:, :-2, 1:-1] + values[:, 2:, 1:-1] + values[:, 1:-1, :-2] + values[:, 1:-1, 2:]
+        values[:, 1:-1, 1:-1] = np.where(free, around / screen, values[:, 1:-1, 1:-1])
+    return values
+
+
+def _solve_screened(values: Float64, fixed: Bools) -> Float64:
+    """The exact solution on a small grid (C, h, h)."""
+    resolution = fixed.shape[0]
     if fixed.all():
         return values
     path = diags_array([np.full(resolution - 1, 1.0)] * 2, offsets=[-1, 1])
     line = eye_array(resolution)
     neighbours = csr_array(kron(path, line) + kron(line, path))
-    free = np.flatnonzero(~fixed.ravel())
+    free, held = np.flatnonzero(~fixed.ravel()), np.flatnonzero(fixed.ravel())
     rows = neighbours[free]
-    matrix = diags_array(np.full(len(free), 4.0 + 1.0 / length**2)) - rows[:, free]
-    flat = values.reshape(len(values), -1)
-    right = rows[:, np.flatnonzero(fixed.ravel())] @ flat[:, fixed.ravel()].T
+    screen = 4.0 + (np.pi / (_FALL_OFF * (resolution - 1))) ** 2
+    matrix = diags_array(np.full(len(free), screen)) - rows[:, free]
+    flat = values.reshape(len(values), -1).copy()
     factor = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-    flat[:, free] = factor.solve(right).T
+    flat[:, free] = factor.solve(rows[:, held] @ flat[:, held].T).T
     return flat.reshape(values.shape)
