@@ -236,8 +236,8 @@ def _connected_heights(height: Float64, scalp: Bools, margin: Bools) -> Bools:
 def _continue_smoothly(values: Float64, known: Bools) -> Float64:
     """`values` (C, H, H) where `known`; elsewhere about the solution of L^2 Laplace(f) = f that is 0 on the border.
 
-    The border of the grid is one point, S0; 0 there keeps the maps single-valued. L is `_FALL_OFF`. Smoothness is all that
-    matters: solved on a quarter of the nodes each way, and evened out on the grid itself.
+    The border of the grid is one point, S0; 0 there keeps the maps single-valued. L is `_FALL_OFF`. Smoothness is all
+    that matters: solved on a quarter of the nodes each way, and evened out on the grid itself.
     """
     resolution = known.shape[0]
     fixed = known.copy()

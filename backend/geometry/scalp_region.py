@@ -79,7 +79,7 @@ def region_of_roots(head: Head, face_normals: Floats, roots: Float64, triangle: 
     extent = float(np.linalg.norm(np.ptp(roots, axis=0)))
     median = float(np.median(distance))
     require(
-        median <= max(0.5 * extent, 1e-9),
+        median <= max(0.5 * extent, 0.01 * float(np.linalg.norm(np.ptp(head.vertices, axis=0)))),
         f"the hair stands {median:.3g} m away from the head; move it there, or correct the units of one of the files",
     )
     on_head = distance <= max(4.0 * median, 0.05 * extent)
