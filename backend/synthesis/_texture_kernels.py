@@ -66,8 +66,8 @@ def _distance(image: Any, at: Any, example: Any, source: Any, falloff: Any, colu
 
 @device
 def _squared_distance(first: Any, second: Any) -> float:
-    """Squared distance of two positions (2,)."""
-    return float((first[0] - second[0]) ** 2 + (first[1] - second[1]) ** 2)
+    """Squared distance of two positions (3,)."""
+    return float((first[0] - second[0]) ** 2 + (first[1] - second[1]) ** 2 + (first[2] - second[2]) ** 2)
 
 
 @kernel
@@ -130,7 +130,7 @@ def choose_sources(
     """Nearest candidate of each patch, found by checking candidates in the order of their lower bounds.
 
     corners (P, 2) int32 and candidates (M, 2) int32 are first cells of patches in `image` and `example`; the layouts
-    (P, 2) and (M, 2) float64 are positions whose squared distance adds to the cost. bounds (P, M) float32: no candidate
+    (P, 3) and (M, 3) float64 are positions whose squared distance adds to the cost. bounds (P, M) float32: no candidate
     costs less than its bound; destroyed. chosen (P,) int32 (-1: none yet) and costs (P,) float64 are the present
     choice. Returns the new choice, its costs, and what any other candidate costs at least, (P,) float64. A patch
     changes only to a candidate that costs less, or costs the same and comes first. The result is the exact nearest

@@ -77,11 +77,8 @@ class PatchSearch:
         # the mean squared distance of a candidate from about their mean
         self.variance = float(np.einsum("md,md->", vectors, vectors) / len(rest))
         self._position_scale = float(np.sqrt(layout_weight * self.variance))
-        self._layout = np.ascontiguousarray(self._position_scale * candidates.positions)
-        targets = np.column_stack([vectors, self._layout])
-        squares = np.einsum("md,md->m", targets, targets)
-        self._largest_square = float(squares.max())
-        self._targets = np.column_stack([targets, squares, np.ones(len(squares))]).astype(np.float32).T
+        self._vectors = np.column_stack([vectors, self._position_scale * candidates.positions])
+        self._no_prices = np.zeros(len(rest))
 
     def _components(self, usable: Bools) -> tuple[Float32, Float32]:
         """Coordinates (M, d) of the candidates in, and the (w * w * C, d) orthonormal basis of, the components."""
@@ -133,47 +130,50 @@ class PatchSearch:
         patches = np.zeros((len(corners), len(self._basis)), dtype=np.float32)
         return Matches(chosen, np.full(len(corners), np.inf), patches, np.zeros(len(corners)))
 
-    def improve(self, image: Float32, places: PatchPlaces, matches: Matches) -> Matches:
+    def improve(self, image: Float32, places: PatchPlaces, matches: Matches, prices: Float64 | None = None) -> Matches:
         """Find the candidate of least cost for each patch of `image` at `places`; M-step of Kwatra et al. 2005.
 
-        A present candidate stays unless another costs less; of others that cost the same, the first is taken.
+        A present candidate stays unless another costs less; of others that cost the same, the first is taken. `prices`
+        (M,) float64, 0 or more, add to the costs of the candidates, but not to the costs that are returned.
         """
-        layout = self._position_scale * places.positions
-        arguments = (self.example, self.candidates, self._layout, self.falloff)
+        if prices is None:
+            prices, runner_up = self._no_prices, matches.runner_up
+        else:
+            runner_up = np.zeros_like(matches.runner_up)  # it was found for other prices
+        # a price is a squared distance too: along one more direction, in which all the image's patches lie at 0
+        layout = np.column_stack([self._position_scale * places.positions, np.zeros(len(places.corners))])
+        targets = np.column_stack([self._vectors, np.sqrt(prices)])
+        arguments = (self.example, self.candidates, np.ascontiguousarray(targets[:, -3:]), self.falloff)
         costs, moved = measure_patches(image, places.corners, layout, *arguments, matches.chosen, matches.patches)
         # the factor covers rounding: costs and distances are sums of float32
-        stale = np.flatnonzero((np.sqrt(costs) + moved) * (1.0 + 1e-4) >= matches.runner_up)
-        found = Matches(matches.chosen.copy(), costs, matches.patches.copy(), matches.runner_up.copy())
+        stale = np.flatnonzero((np.sqrt(costs) + moved) * (1.0 + 1e-4) >= runner_up)
         patches = gather_patches(image, places.corners[stale], self.falloff)
+        found = Matches(matches.chosen.copy(), costs, matches.patches.copy(), runner_up.copy())
         found.patches[stale] = patches
-        queries = self._queries(patches, layout[stale])
-        step = max(1, _BOUNDS_AT_ONCE // len(self.candidates))
+        left, right = self._factors(patches, layout[stale], targets)
+        step = max(1, _BOUNDS_AT_ONCE // len(targets))
         for start in range(0, len(stale), step):
             part = stale[start : start + step]
-            chosen, part_costs, runner_up = choose_sources(
-                image,
-                places.corners[part],
-                layout[part],
-                *arguments,
-                queries[start : start + step] @ self._targets,
-                found.chosen[part],
-                costs[part],
-                _MAX_CHECKS,
-            )
-            found.chosen[part], found.costs[part] = chosen, part_costs
-            found.runner_up[part] = np.sqrt(np.maximum(runner_up, 0.0))
+            bounds = left[start : start + step] @ right
+            own = (places.corners[part], layout[part], *arguments, bounds, found.chosen[part], costs[part])
+            found.chosen[part], found.costs[part], squares = choose_sources(image, *own, _MAX_CHECKS)
+            found.runner_up[part] = 0.0 if prices.any() else np.sqrt(np.maximum(squares, 0.0))
+        found.costs[:] -= prices[found.chosen]
         return found
 
-    def _queries(self, patches: Float32, layout: Float64) -> Float32:
-        """Vectors (P, d + 5) whose products with the targets are lower bounds of the costs."""
+    def _factors(self, patches: Float32, layout: Float64, targets: Float64) -> tuple[Float32, Float32]:
+        """Two matrices whose product (P, M) is a lower bound of the costs of all candidates for all patches."""
         norms = np.einsum("pd,pd->p", patches, patches, dtype=np.float64)
         coordinates = patches @ self._basis
         rest = np.sqrt(np.maximum(norms - np.einsum("pd,pd->p", coordinates, coordinates), 0.0))
         queries = np.column_stack([coordinates - self._mean, rest, layout])
-        squares = np.einsum("pd,pd->p", queries, queries)
-        # what rounding of the float32 products may add to a bound
-        slack = 4e-6 * (norms + squares + self._largest_square)
-        return np.column_stack([-2.0 * queries, np.ones(len(queries)), squares - slack]).astype(np.float32)
+        query_squares = np.einsum("pd,pd->p", queries, queries)
+        target_squares = np.einsum("md,md->m", targets, targets)
+        # what rounding of the float32 product may add to a bound
+        slack = 4e-6 * (norms + query_squares + target_squares.max())
+        left = np.column_stack([-2.0 * queries, np.ones(len(queries)), query_squares - slack])
+        right = np.column_stack([targets, target_squares, np.ones(len(targets))])
+        return left.astype(np.float32), np.ascontiguousarray(right.astype(np.float32).T)
 
 
 def _largest(values: Float32, n_largest: int) -> Int32:
