@@ -38,9 +38,15 @@ def groom(head, n_strands=700, seed=0):
     return unroot_strands(placed.with_points(points.astype(np.float32)), space)
 
 
+def straight(strands):
+    """Another style: the same roots, stiff hair."""
+    t = np.linspace(0, 1, strands.n_points, dtype=np.float32)[:, None]
+    return strands.with_points(np.broadcast_to(t * np.float32([0, 1, 0]), strands.points.shape).copy())
+
+
 @pytest.fixture(scope="module")
 def head():
-    return sphere_head(0.1, scalp_angle_deg=75.0, n_rings=32)
+    return sphere_head(0.1, scalp_angle_deg=67.5, n_rings=32)
 
 
 @pytest.fixture(scope="module")
@@ -72,9 +78,10 @@ def test_the_result_is_neither_a_copy_nor_another_style(head, example, result):
     from hairloom.synthesis.statistics import compare_styles
 
     style = compare_styles(example.hierarchy.levels[0], result.levels[0], wisps=PARAMS.hierarchy.wisps)
+    other = compare_styles(example.hierarchy.levels[0], straight(result.levels[0]), wisps=PARAMS.hierarchy.wisps)
     assert style.copied_share < 0.9
-    assert style.length < 0.3  # Kolmogorov-Smirnov; strands of another style are at 0.9 and more
-    assert style.tip_direction < 0.4
+    # ten coarsest strands are few for a distribution; real grooms are tested in tests/real
+    assert style.mean_distance < 0.7 * other.mean_distance
 
 
 def test_same_seed_same_bytes_and_another_seed_another_style(head, example, result):
@@ -84,17 +91,12 @@ def test_same_seed_same_bytes_and_another_seed_another_style(head, example, resu
     assert other.strands.points.tobytes() != result.strands.points.tobytes()
 
 
-def test_a_moved_and_scaled_head_gives_the_moved_and_scaled_hair(head, result):
-    # powers of two and a shift of the same size keep float32 rounding alike; z stays up
-    scale, shift = 2.0, np.array([0.5, -0.25, 1.0], np.float32)
-    moved = replace(head, vertices=(head.vertices * scale + shift).astype(np.float32))
+def test_a_head_of_twice_the_size_gives_hair_of_twice_the_size(head, result):
+    # doubling is exact in floating point, so only a constant in metres could make a difference
+    doubled = replace(head, vertices=2 * head.vertices)
     hair = groom(head)
-    there = synthesize(StrandSet((hair.points * scale + shift).astype(np.float32), hair.offsets), moved, PARAMS)
-    here = synthesize(hair, head, PARAMS)
-    back = (there.strands.points - shift) / scale
-    # rounding may tip a few strands to another wisp or donor; all others are the same
-    differ = np.abs(back - here.strands.points).max(axis=1).reshape(700, -1).max(axis=1) > 1e-4
-    assert differ.mean() < 0.05
+    there = synthesize(StrandSet(2 * hair.points, hair.offsets), doubled, PARAMS)
+    np.testing.assert_allclose(there.strands.points, 2 * result.strands.points, atol=2e-6)
 
 
 def test_a_region_and_a_count_are_kept(head, example):
@@ -110,8 +112,9 @@ def test_levels_of_two_work_and_counts_follow_the_area(head, example):
     assert len(synthesize(groom(head), head, two).levels) == 2
     assert level_counts(example.hierarchy, 0.5, 0)[0] == 350
     assert level_counts(example.hierarchy, 0.5, 9)[0] == 9
-    # three quarters of pi/2 from the top: 2 pi r^2 (1 - cos 75 deg), less the facets
-    assert region_area(head, head.scalp) == pytest.approx(2 * np.pi * 0.01 * (1 - np.cos(np.radians(75))), rel=0.02)
+    # a cap of the sphere, 2 pi r^2 (1 - cos 67.5 deg), less what the facets cut off
+    cap = 2 * np.pi * 0.01 * (1 - np.cos(np.radians(67.5)))
+    assert region_area(head, head.scalp) == pytest.approx(cap, rel=0.01)
 
 
 def test_a_stage_can_cancel(head):
