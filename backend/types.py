@@ -65,7 +65,7 @@ class StrandSet:
     @property
     def roots(self) -> Float32:
         """(S, 3) float32, metres, world space."""
-        return self.points[self.offsets[:-1]]
+        return np.asarray(self.points[self.offsets[:-1]])
 
     @property
     def point_counts(self) -> Int32:
