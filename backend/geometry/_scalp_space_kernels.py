@@ -6,7 +6,7 @@ cot u = x^ / (y^ + 1), cot v = z^ / (y^ + 1). theta is a direction's angle from 
 
 from __future__ import annotations
 
-from math import atan2, cos, pi, sin, sqrt
+from math import cos, pi, sin, sqrt
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,25 @@ def bilinear(table: Any, u: float, v: float) -> Any:
     low = table[i, j] + a * (table[i, j + 1] - table[i, j])
     high = table[i + 1, j] + a * (table[i + 1, j + 1] - table[i + 1, j])
     return low + b * (high - low)
+
+
+@device
+def arc_cotangent(h: float, x: float) -> Any:
+    """atan2(h, x) for h >= 0, to 5e-11 and several times as fast (tracing strands asks for millions of them).
+
+    The coefficients are those of the Chebyshev interpolation of atan(t) / t as a polynomial in t^2 on [0, 1].
+    """
+    size = abs(x)
+    t = min(size, h) / max(max(size, h), 1e-300)
+    s = t * t
+    high = 0.07242284149051165 + s * (-0.05421530857823045 + s * (0.034133423246630976 + s * -0.01605516088854717))
+    high += s * s * s * s * (0.004827227899255563 + s * -0.0006804972987973854)
+    low = 0.9999999999390123 + s * (-0.3333333151819836 + s * 0.19999909957025838)
+    low += s * s * s * (-0.1428394842130953 + s * (0.1109298478799497 + s * -0.08979051051176454))
+    angle = t * (low + s * s * s * s * s * s * high)
+    if size >= h:
+        return pi - angle if x < 0.0 else angle
+    return 0.5 * pi - angle if x > 0.0 else 0.5 * pi + angle
 
 
 @device
@@ -62,15 +81,15 @@ def uv_from_direction(x: float, y: float, z: float, polar_scale: float) -> tuple
     """(u, v) of the unit direction (x, y, z): remap of W-6, then eq. (1)."""
     across = sqrt(x * x + z * z)
     if polar_scale < 1.0 and across > 0.0:
-        half = 0.5 * remap_polar(atan2(across, y), polar_scale)
+        half = 0.5 * remap_polar(arc_cotangent(across, y), polar_scale)
         # y^ + 1 = 2 cos^2 half, and the distance from the axis is 2 sin half cos half
         h, out = cos(half), sin(half) / across
-        return atan2(h, out * x), atan2(h, out * z)
+        return arc_cotangent(h, out * x), arc_cotangent(h, out * z)
     h = y + 1.0
     if y < -0.5:
         # the digits that y + 1 loses near S0 come back from x and z
         h = across * across / (1.0 - y)
-    return atan2(h, x), atan2(h, z)
+    return arc_cotangent(h, x), arc_cotangent(h, z)
 
 
 @device
@@ -86,7 +105,7 @@ def direction_from_uv(u: float, v: float, polar_scale: float) -> tuple[float, fl
     x, y, z = factor * a, (s * s - a * a - b * b) / total, factor * b
     across = sqrt(x * x + z * z)
     if polar_scale < 1.0 and across > 0.0:
-        theta = unmap_polar(atan2(across, y), polar_scale)
+        theta = unmap_polar(arc_cotangent(across, y), polar_scale)
         out = sin(theta) / across
         return out * x, cos(theta), out * z
     return x, y, z
