@@ -19,6 +19,29 @@ _MOST_HOPS = 64
 _LONGEST_MOVE = 0.25
 
 
+@kernel
+def chain_edges(starts: Any, ends: Any, first: Any, order: Any) -> None:
+    """order (m,): edges (m,) sorted by their start vertices, put one behind the other as they join end to start.
+
+    first (V + 1,): where each vertex's edges begin. A vertex with several edges hands them out in turn.
+    """
+    count = starts.shape[0]
+    used = np.zeros(count, np.bool_)
+    free = first[:-1].copy()
+    filled = 0
+    for begin in range(count):
+        edge = begin
+        while not used[edge]:
+            used[edge] = True
+            order[filled] = edge
+            filled += 1
+            vertex = ends[edge]
+            while free[vertex] < first[vertex + 1] and used[free[vertex]]:
+                free[vertex] += 1
+            if free[vertex] < first[vertex + 1]:
+                edge = free[vertex]
+
+
 @device
 def _bucket(x: int, y: int, z: int, mask: int) -> int:
     return (x * 73856093 ^ y * 19349663 ^ z * 83492791) & mask

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import require
 from ..types import Bools, Float32, Float64, Head, Int32
-from ._roots_kernels import find_neighbours, nearest_distances, relax, sort_into_cells
+from ._roots_kernels import chain_edges, find_neighbours, nearest_distances, relax, sort_into_cells
 from .scalp_region import weld
 
 MOST_ROOTS = 20_000_000
@@ -23,7 +23,7 @@ _UPDATES = (3, 9, 20, 40, 70, 100)
 # Move in reaches for a force of 1; from 0.25 the points start to jump about.
 _STEP = 0.18
 # Fixed points on the border push with this share of the force: less, and roots line up there; more, and it goes bare.
-_BORDER_WEIGHT = 0.85
+_BORDER_WEIGHT = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +84,8 @@ def scatter_roots(head: Head, region: Bools, count: int, seed: int, *, iteration
     triangles, barycentric = surface.random_places(count, np.random.default_rng(seed))
     triangles, barycentric, report = _relax(surface, triangles, barycentric, iterations)
     corners = surface.corners[triangles]
+    barycentric = np.clip(barycentric, 0.0, 1.0)
+    barycentric /= barycentric.sum(axis=1, keepdims=True)
     points = np.einsum("nk,nkc->nc", barycentric, corners) + surface.middle
     chosen = np.flatnonzero(region)[triangles]
     return Roots(points.astype(np.float32), chosen.astype(np.int32), barycentric.astype(np.float32), report)
@@ -131,18 +133,29 @@ class _Region:
         return touching.indptr.astype(np.int32), touching.indices.astype(np.int32)
 
     def border_points(self, spacing: float) -> tuple[Float64, Float64]:
-        """Points (g, 3) along the region's border, `spacing` apart or less, and the normals (g, 3) there."""
+        """Points (g, 3) about every `spacing` along the region's border, and the normals (g, 3) there."""
+        count = len(self._welded)
         edges = np.concatenate([self._welded[:, [0, 1]], self._welded[:, [1, 2]], self._welded[:, [2, 0]]])
         key = np.sort(edges, axis=1) @ np.array([int(self._welded.max()) + 1, 1])
         _, index, uses = np.unique(key, return_index=True, return_counts=True)
         border = index[uses == 1]
-        triangle, corner = border % len(self._welded), border // len(self._welded)
-        starts, ends = self.corners[triangle, corner], self.corners[triangle, (corner + 1) % 3]
-        pieces = np.maximum(np.ceil(np.linalg.norm(ends - starts, axis=1) / spacing), 1).astype(np.int64)
-        edge = np.repeat(np.arange(len(border)), pieces)
-        within = np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-        share = ((within + 0.5) / pieces[edge])[:, None]
-        return starts[edge] * (1 - share) + ends[edge] * share, self.normals[triangle[edge]]
+        border = border[np.argsort(edges[border, 0], kind="stable")]
+        _, vertices = np.unique(edges[border], return_inverse=True)
+        starts, ends = np.ascontiguousarray(vertices.reshape(-1, 2).T)
+        first = np.searchsorted(starts, np.arange(starts.max(initial=-1) + 2))
+        order = np.empty(len(border), np.int64)
+        chain_edges(starts, ends, first, order)
+        border = border[order]
+        triangle, corner = border % count, border // count
+        low, high = self.corners[triangle, corner], self.corners[triangle, (corner + 1) % 3]
+        lengths = np.linalg.norm(high - low, axis=1)
+        reached = np.cumsum(lengths)
+        total = float(lengths.sum())
+        marks = (np.arange(int(np.ceil(total / spacing))) + 0.5) * spacing
+        marks = marks[marks < total]
+        edge = np.minimum(np.searchsorted(reached, marks, side="right"), len(border) - 1)
+        share = 1.0 - ((reached[edge] - marks) / lengths[edge])[:, None]
+        return low[edge] * (1.0 - share) + high[edge] * share, self.normals[triangle[edge]]
 
 
 def _relax(

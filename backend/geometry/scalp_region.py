@@ -96,8 +96,9 @@ def region_of_roots(head: Head, face_normals: Floats, roots: Float64, triangle: 
     adjacency = adjacent_triangles(weld(head))
     region = _reachable(hit | near, hit, adjacency)
     if not region.all():
-        to_outside, _ = cKDTree(middles[~region]).query(middles[region])
-        region[region] = hit[region] | (to_outside > (_CLOSE - _RIM) * spacing)
+        width = (_CLOSE - _RIM) * spacing
+        to_outside, _ = cKDTree(middles[~region]).query(middles[region], distance_upper_bound=width)
+        region[region] = hit[region] | np.isinf(to_outside)
     region = _fill_holes(region, adjacency, triangle_areas(head))
     return _drop_strays(region, adjacency, triangle)
 
