@@ -124,7 +124,8 @@ def test_same_seed_same_bytes_on_any_number_of_threads(head, roots):
     assert again.points.tobytes() == roots.points.tobytes()
     assert scatter_roots(head, head.scalp, 3000, 8).points.tobytes() != roots.points.tobytes()
     script = (
-        "import sys; from hairloom.geometry.head import default_head; from hairloom.geometry.roots import scatter_roots;"
+        "import sys; from hairloom.geometry.head import default_head\n"
+        "from hairloom.geometry.roots import scatter_roots\n"
         "h = default_head(); sys.stdout.buffer.write(scatter_roots(h, h.scalp, 3000, 7).points.tobytes())"
     )
     environment = {**os.environ, "NUMBA_NUM_THREADS": "1"}

@@ -239,7 +239,7 @@ def test_own_head_scalp_lies_at_height_zero():
     step = np.pi / (space.height.shape[0] - 1)
     assert np.abs(np.diff(space.height, axis=0)).max() < 4.0 * step
     assert np.abs(np.diff(space.height, axis=1)).max() < 4.0 * step
-    assert 0.7 < space.height.min() and space.height.max() < 1.4
+    assert space.height.min() > 0.7 and space.height.max() < 1.4
 
 
 def test_root_strands_and_back():
@@ -257,7 +257,7 @@ def test_root_strands_and_back():
     np.testing.assert_allclose(rooted.in_head_space(), space.world_to_head(expected), atol=1e-5)
     # a strand straight along the scalp's normal is the y axis of its root frame
     normals = space.head_to_world_directions(rooted.frames[:, :, 1])
-    straight = from_dense((strands.roots[:, None] + np.linspace(0, 0.1, 9)[None, :, None] * normals[:, None]))
+    straight = from_dense(strands.roots[:, None] + np.linspace(0, 0.1, 9)[None, :, None] * normals[:, None])
     local = root_strands(straight, space, 9).points
     np.testing.assert_allclose(local[:, -1], np.tile([0, 0.1 / space.radius, 0], (len(roots), 1)), atol=1e-5)
 
