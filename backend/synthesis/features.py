@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import binary_dilation, map_coordinates
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from ..errors import require
@@ -188,6 +188,30 @@ def _interpolate(
     mask = near.copy()
     mask[inside] = True
     return values, mask
+
+
+def cells_around_roots(uv: Floats, spacing: float) -> tuple[Float64, Bools]:
+    """The grid that an output map needs: a cell at, and around, every root (W-17, W-20).
+
+    Parameters
+    ----------
+    uv : (S, 2) roots, scalp coordinates, radians. spacing : radians between cells.
+
+    Returns
+    -------
+    origin (2,) float64, u and v of the first cell, a multiple of the spacing; mask (H, W) bool.
+
+    Raises
+    ------
+    InputError : no roots.
+    """
+    require(len(uv) > 0, "there are no roots to make hair for; choose a larger scalp region or more strands")
+    low = np.floor(uv.min(axis=0).astype(np.float64) / spacing) - 1
+    cells = np.rint(uv / spacing - low).astype(np.int64)
+    n_columns, n_rows = cells.max(axis=0) + 2
+    mask = np.zeros((n_rows, n_columns), np.bool_)
+    mask[cells[:, 1], cells[:, 0]] = True
+    return low * spacing, binary_dilation(mask, np.ones((3, 3), np.bool_))
 
 
 def sample_map(source: FeatureMap, uv: Floats, *, smooth: bool = False) -> Float32:

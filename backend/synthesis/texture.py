@@ -180,7 +180,7 @@ def _area_sums(mask: Bools) -> NDArray[np.intp]:
     return np.pad(np.cumsum(np.cumsum(mask, axis=0), axis=1), ((1, 0), (1, 0)))
 
 
-def _fit_window(mask: Bools, wanted: int) -> tuple[int, Int32]:
+def fit_window(mask: Bools, wanted: int) -> tuple[int, Int32]:
     """The largest window up to `wanted` that fits in the mask in enough places, and these places (M, 2).
 
     Where holes let no window of some size fit, patches with a few invalid cells are taken (those have the value of the
@@ -209,7 +209,7 @@ def _build_scales(values: Float32, mask: Bools, out_mask: Bools, params: Texture
         n_scales += 1
     scales: list[_Scale] = []
     for _ in range(n_scales):
-        fits = dict(_fit_window(mask, wanted) for wanted in params.window_sizes)
+        fits = dict(fit_window(mask, wanted) for wanted in params.window_sizes)
         scales.append(_Scale(values, mask, tuple(fits.items())))
         values, mask = _halve(values, mask)
         if not mask.any():
@@ -246,7 +246,7 @@ class _Layout:
 
 
 @dataclass(frozen=True, slots=True)
-class _Grid:
+class PatchGrid:
     """The patches of the output at one scale and window size: first cells `rows` x `columns`, those on the mask."""
 
     rows: Int32
@@ -255,7 +255,7 @@ class _Grid:
     corners: Int32  # (P, 2)
 
 
-def _place_patches(mask: Bools, window: int) -> _Grid:
+def place_patches(mask: Bools, window: int) -> PatchGrid:
     """Patches every quarter of a window (X+ of Kwatra et al. 2005), with the last ones flush with the border."""
     stride = max(1, window // 4)
     rows, columns = (
@@ -267,10 +267,10 @@ def _place_patches(mask: Bools, window: int) -> _Grid:
     patch_at = np.full(counts.shape, -1, dtype=np.int32)
     patch_at[counts > 0] = np.arange((counts > 0).sum())
     corners = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=2)[counts > 0]
-    return _Grid(rows, columns, patch_at, np.ascontiguousarray(corners))
+    return PatchGrid(rows, columns, patch_at, np.ascontiguousarray(corners))
 
 
-def _falloff(window: int) -> Float32:
+def falloff_weights(window: int) -> Float32:
     """Gaussian weights (window,) of the cells of a patch along one direction, largest 1; deviation a third of it."""
     centered = np.arange(window) - 0.5 * (window - 1)
     weights: Float32 = np.exp(-0.5 * (centered / (window / 3)) ** 2).astype(np.float32)
@@ -306,8 +306,8 @@ class _State:
         """M- and E-steps at one scale with one window size, until the patches stop changing."""
         scale, params = self.scales[level], self.params
         candidates = self.layout.places(corners, window, level, shifted=False)
-        search = PatchSearch(scale.values, scale.mask, candidates, _falloff(window), self.layout.weight)
-        grid = _place_patches(self.masks[level], window)
+        search = PatchSearch(scale.values, scale.mask, candidates, falloff_weights(window), self.layout.weight)
+        grid = place_patches(self.masks[level], window)
         places = self.layout.places(grid.corners, window, level, shifted=True)
         if not self.stages:
             first = np.random.default_rng(params.seed).integers(len(corners), size=len(grid.corners))
@@ -339,12 +339,12 @@ class _State:
         mask, out_mask = self.scales[level].mask, self.masks[level]
         rows, columns = self.sources[out_mask].T
         counts = np.bincount(rows * mask.shape[1] + columns, minlength=mask.size).reshape(mask.shape)
-        weights = _falloff(window).astype(np.float64) / _falloff(window).sum(dtype=np.float64)
+        weights = falloff_weights(window).astype(np.float64) / falloff_weights(window).sum(dtype=np.float64)
         filtered = correlate1d(correlate1d(counts * (mask.sum() / len(rows)), weights, axis=0), weights, axis=1)
         centers = corners + window // 2
         return np.asarray(filtered[centers[:, 0], centers[:, 1]], dtype=np.float64)
 
-    def _blend(self, search: PatchSearch, grid: _Grid, chosen: Int32, weights: Float64) -> None:
+    def _blend(self, search: PatchSearch, grid: PatchGrid, chosen: Int32, weights: Float64) -> None:
         """E-step; cells that no patch covers take the value of the nearest covered one, to start finer scales from."""
         corners = search.candidates[chosen]
         image, sources = blend_patches(
