@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from hairloom.geometry.head import HeadSurface
+from hairloom.geometry.scalp_region import require_scalp
 from hairloom.types import Float32, Float64, Floats, Head
 from scipy.ndimage import map_coordinates
 
-_GRID_CELLS = 64  # along the longest side of the head's box
+_GRID_CELLS = 52  # along the longest side of the head's box
 _GRID_MARGIN = 0.5  # head radii around the head
 _EXACT_BELOW = 0.1  # head radii: nearer than that to the skin, the mesh itself is asked
 
@@ -24,6 +25,7 @@ class Collider:
     """
 
     def __init__(self, head: Head) -> None:
+        require_scalp(head)
         self.surface = HeadSurface(head)
         self.centre, self.radius = fit_sphere(head.vertices[np.unique(head.triangles[head.scalp])])
         low, high = (self.to_unit(extreme(head.vertices, axis=0)) for extreme in (np.min, np.max))

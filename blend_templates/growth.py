@@ -190,8 +190,10 @@ def fringe_weight(style: Style, roots: Float64) -> Floats:
     on_sphere = unit(roots)
     angle = np.degrees(np.arctan2(on_sphere[:, 2], -on_sphere[:, 1]))
     # a triangle, its corner on top of the head, with soft sides: the hair fans out there and leaves no gap
-    half_width = 0.62 * (78.0 - angle) / 45.0
-    return np.asarray(smoothstep(0.12, -0.12, np.abs(on_sphere[:, 0]) - half_width) * (angle < 78.0))
+    half_width = 0.8 * (80.0 - angle) / 45.0
+    weight = smoothstep(0.06, -0.1, np.abs(on_sphere[:, 0]) - half_width) * (angle < 80.0)
+    # sideburns start below it
+    return np.asarray(weight * (roots[:, 2] > style.fringe_height + 0.25))
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,9 @@ from hairloom.errors import require
 from hairloom.geometry.roots import scatter_roots
 from hairloom.types import Float64, Floats, Head, StrandSet
 
+TEAR = 2.5  # steps of a pushed strand that are so many times longer than its others are gaps
+SHORTEST_CUT = 0.35  # head radii: hair rooted below the height it is cut at is left this long
+
 STYLES: dict[str, Style] = {
     "straight": Style(
         n_points=32,
@@ -63,7 +66,7 @@ STYLES: dict[str, Style] = {
         redness=0.6,
     ),
     "curly": Style(
-        n_points=64,
+        n_points=56,
         length=2.9,
         cut_height=-1.3,
         length_spread=0.12,
@@ -114,7 +117,7 @@ STYLES: dict[str, Style] = {
         melanin=0.85,
     ),
     "puffy": Style(
-        n_points=48,
+        n_points=40,
         length=0.85,
         length_spread=0.1,
         comb=0.15,
@@ -138,27 +141,27 @@ STYLES: dict[str, Style] = {
         redness=0.3,
     ),
     "bob": Style(
-        n_strands=14_000,
+        n_strands=12_000,
         n_points=24,
         length=2.6,
-        cut_height=-0.95,
+        cut_height=-1.1,
         length_spread=0.02,
         root_lift=0.6,
         thickness=0.16,
         comb_fade=0.9,
         fringe_height=0.12,
         bend_under=1.6,
-        wander=5.0,
-        coarse_clump=0.15,
-        clump=0.5,
+        wander=3.5,
+        coarse_clump=0.08,
+        clump=0.35,
         frizz=0.006,
         flyaways=0.015,
-        melanin=0.93,
+        melanin=0.9,
         redness=0.2,
-        sweep_back=-0.3,
+        sweep_back=-0.12,
     ),
     "short_crop": Style(
-        n_strands=24_000,
+        n_strands=20_000,
         n_points=12,
         length=0.42,
         length_spread=0.12,
@@ -182,7 +185,7 @@ STYLES: dict[str, Style] = {
         strand_radius=0.00014,
     ),
     "tangled": Style(
-        n_points=64,
+        n_points=40,
         length=2.6,
         cut_height=-1.5,
         length_spread=0.2,
@@ -229,19 +232,18 @@ def make_style(
     InputError : no such style, or a head without a scalp.
     """
     require(name in STYLES, f"no hairstyle '{name}'; take one of {', '.join(STYLES)}")
-    return grow_style(STYLES[name], head, n_strands, n_points, seed)
+    return grow_style(STYLES[name], Collider(head), n_strands, n_points, seed)
 
 
 def grow_style(
-    style: Style, head: Head, n_strands: int | None = None, n_points: int | None = None, seed: int = 0
+    style: Style, collider: Collider, n_strands: int | None = None, n_points: int | None = None, seed: int = 0
 ) -> StrandSet:
-    """As `make_style`, for a style of one's own."""
+    """As `make_style`, for a style of one's own; a collider can serve several."""
     n_strands = style.n_strands if n_strands is None else n_strands
     n_points = style.n_points if n_points is None else n_points
     require(n_strands >= 1 and n_points >= 2, f"{n_strands} strands of {n_points} points; take 1 of 2 or more")
     rng = np.random.default_rng(seed)
-    collider = Collider(head)
-    roots, normals = _roots(head, collider, n_strands, seed)
+    roots, normals = _roots(collider, n_strands, seed)
     coarse, fine = _gather(style, roots, rng)
     loose = rng.random(n_strands) < style.flyaways
     fringe = fine.spread(coarse.spread(fringe_weight(style, roots[coarse.centres]))[fine.centres])
@@ -258,7 +260,8 @@ def grow_style(
     return _as_strand_set(style, collider, strands, coarse, fine, loose)
 
 
-def _roots(head: Head, collider: Collider, count: int, seed: int) -> tuple[Float64, Float64]:
+def _roots(collider: Collider, count: int, seed: int) -> tuple[Float64, Float64]:
+    head = collider.surface.head
     roots = scatter_roots(head, head.scalp, count, seed)
     normals = collider.surface.normals_at(roots.triangles, roots.barycentric)
     return collider.to_unit(roots.points), normals.astype(np.float64)
@@ -316,7 +319,7 @@ def _lengths(
         if height is not None:
             below = strands[:, :, 2] < height
             cut = arcs[np.arange(count), np.where(below.any(axis=1), below.argmax(axis=1), -1)]
-            lengths = np.where(chosen, cut, lengths)
+            lengths = np.where(chosen, np.maximum(cut, SHORTEST_CUT), lengths)
     return np.clip(lengths * factor, 0.02, arcs[:, -1])
 
 
@@ -356,9 +359,22 @@ def _add_detail(
 
 
 def _keep_outside(collider: Collider, strands: Float64) -> Float64:
+    """Push strands out of the head; in two rounds, because making the pushed strands' steps even moves points again.
+
+    A strand that the head tears apart, its one part on this side and its other on that, ends where it tears.
+    """
     count, n_points = strands.shape[:2]
-    soft = np.minimum(0.03, 0.5 * arc_lengths(strands)).ravel()
-    return collider.push_out(strands.reshape(-1, 3), soft).reshape(count, n_points, 3)
+    lengths = arc_lengths(strands)[:, -1]
+    for _ in range(2):
+        strands = resample_to(strands, lengths, n_points)
+        soft = np.minimum(0.03, 0.5 * arc_lengths(strands)).ravel()
+        strands = collider.push_out(strands.reshape(-1, 3), soft).reshape(count, n_points, 3)
+        arcs = arc_lengths(strands)
+        steps = np.diff(arcs, axis=1)
+        torn = steps > TEAR * np.median(steps, axis=1, keepdims=True)
+        last = np.where(torn.any(axis=1), np.maximum(torn.argmax(axis=1), 1), n_points - 1)
+        lengths = arcs[np.arange(count), last]
+    return resample_to(strands, lengths, n_points)
 
 
 def _as_strand_set(
