@@ -135,8 +135,8 @@ class JobOperator:
         shown = status(context)
         if (shown.fraction, shown.message) != (run.fraction, run.message):
             shown.show(run)
-            redraw_sidebars(context)
-        context.workspace.status_text_set(f"{run.label}: {run.message}  {run.fraction:.0%}   |   Esc: Cancel")
+            context.workspace.status_text_set(f"{run.label}: {run.message}  {run.fraction:.0%}   |   Esc: Cancel")
+            redraw(context, "VIEW_3D")
 
     @reports_errors
     def _finish(self, context: bpy.types.Context) -> set[str]:
@@ -170,7 +170,7 @@ class JobOperator:
         if context.workspace is not None:
             context.workspace.status_text_set(None)
         status(context).clear()
-        redraw_sidebars(context)
+        redraw(context, "VIEW_3D")
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Blender itself ends the operator: another file is opened, or the window closes."""
@@ -178,11 +178,13 @@ class JobOperator:
         self._end(context)
 
 
-def redraw_sidebars(context: bpy.types.Context) -> None:
+def redraw(context: bpy.types.Context, area_type: str) -> None:
+    """Redraw what shows progress: the sidebars of 3D views, not the views themselves, or whole areas of other types."""
     for window in context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type in {"VIEW_3D", "PREFERENCES"}:
-                area.tag_redraw()
+        for area in (area for area in window.screen.areas if area.type == area_type):
+            for region in area.regions:
+                if area_type != "VIEW_3D" or region.type == "UI":
+                    region.tag_redraw()
 
 
 def register() -> None:

@@ -67,7 +67,7 @@ class WispSettings(ParamsGroup, bpy.types.PropertyGroup):
         description="Most iterations of the clustering after wisps were split",
     )  # fmt: skip
     seeds_per_wisp: IntProperty(
-        name="Seeds per Wisp", default=8, min=1, soft_max=32, max=1000,
+        name="Seeds per Wisp", default=16, min=1, soft_max=32, max=1000,
         description="Random strands tried for each first wisp; 1 is quickest and finds the worst wisps",
     )  # fmt: skip
     seeds_per_split: IntProperty(
@@ -117,7 +117,11 @@ class TextureSettings(ParamsGroup, bpy.types.PropertyGroup):
     )  # fmt: skip
     layout_weight: FloatProperty(
         name="Keep Layout", default=5.0, min=0.0, soft_max=20.0, max=1000.0, precision=2,
-        description="Pull towards pieces from the same place on the scalp; 0 lays the hairstyle out freely, as in the paper",
+        description="Pull towards pieces from the same place on the scalp; 0, as in the paper, lays hair out freely",
+    )  # fmt: skip
+    coverage_weight: FloatProperty(
+        name="Use All", default=0.5, min=0.0, soft_max=2.0, max=1000.0, precision=2,
+        description="How much pieces of the example that were used often are avoided, so that all of it is used",
     )  # fmt: skip
 
     def to_params(self) -> dict[str, Any]:

@@ -61,8 +61,10 @@ def _tick() -> float | None:
             return _FIRST_TICK_SECONDS
         _running.append(lazy.workers().WorkerJob("Compile Kernels", "warm_up", {}, {}, is_patient=True))
         return _TICK_SECONDS
+    before = progress()
     run = _running[0].step()
-    jobs.redraw_sidebars(bpy.context)
+    if progress() != before:
+        jobs.redraw(bpy.context, "PREFERENCES")
     if run.state == "RUNNING":
         return _TICK_SECONDS
     if run.state == "DONE":

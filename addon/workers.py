@@ -67,7 +67,7 @@ class WorkerProcess:
             text=True, encoding="utf-8", errors="replace", creationflags=flags,
         )  # fmt: skip
         if is_patient and os.name == "posix":
-            os.setpriority(os.PRIO_PROCESS, self._process.pid, 15)
+            os.setpriority(os.PRIO_PROCESS, self._process.pid, 10)
         self._readers = [
             threading.Thread(target=self._read_answers, daemon=True),
             threading.Thread(target=self._read_errors, daemon=True),

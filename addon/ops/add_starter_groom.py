@@ -42,7 +42,7 @@ class HAIRLOOM_OT_add_starter_groom(bpy.types.Operator):
             settings.head = brought
         elif brought is not None and brought is not chosen:
             groom.parent = None
-            bpy.data.objects.remove(brought)
+            bpy.data.meshes.remove(brought.data)  # and the object with it
             lazy.bridge("attachment").attach_to_head(groom, chosen)
         if not groom.data.materials:
             groom.data.materials.append(material.hair_material())

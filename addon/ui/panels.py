@@ -192,9 +192,7 @@ class HAIRLOOM_PT_layout(HairloomPanel, bpy.types.Panel):
         column = _settings_column(self.layout)
         _draw_settings(column, synthesis, ("n_samples", "n_features", "map_spacing"))
         column.separator()
-        _draw_settings(
-            column, synthesis.texture, ("n_scales", "window_sizes", "n_iterations", "exponent", "layout_weight")
-        )
+        _draw_settings(column, synthesis.texture, synthesis.texture.setting_names())
 
 
 class HAIRLOOM_PT_details(HairloomPanel, bpy.types.Panel):

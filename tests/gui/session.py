@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import sys
@@ -49,7 +50,6 @@ def set_the_scene(user: driver.User) -> driver.Steps:
     with user.override():
         bpy.ops.object.select_all(action="SELECT")
         bpy.ops.object.delete()
-        scenes.small_settings()
         make_groom()
         space = user.area().spaces.active
         space.show_region_ui = True
@@ -63,14 +63,30 @@ def set_the_scene(user: driver.User) -> driver.Steps:
 
 
 def make_groom() -> None:
-    scenes.groom_on_head()
+    """A thinned starter groom on our head; without starter grooms the tests' ball and waves."""
+    assets = scenes.module("assets")
+    names = [name for name, _ in assets.starter_grooms()]
+    if not names:
+        scenes.groom_on_head()
+        return
+    bpy.ops.hairloom.add_starter_groom(groom="Wavy" if "Wavy" in names else names[0])
+    hair = bpy.context.object
+    curves, strands = scenes.module("bridge.curves"), scenes.module("backend.geometry.strands")
+    whole = curves.read_strands(hair)
+    step = max(1, whole.n_strands // N_STRANDS)
+    curves.replace_strands(hair, strands.select_strands(whole, list(range(0, whole.n_strands, step))))
+    bpy.context.scene.hairloom.synthesis.hierarchy.wisps.n_wisps = 60
 
 
 def warms_up_in_the_background(user: driver.User) -> driver.Steps:
     """Enabled for the first time, the add-on compiles its kernels without being asked."""
     warmup = scenes.module("warmup")
     start = time.monotonic()
-    yield from user.wait(lambda: warmup.is_running() or warmup.is_warm(), 20, "the background compiling starts")
+    yield from user.wait(lambda: worker_processes() != [], 20, "the background compiling starts")
+    for process in worker_processes():
+        assert os.getpriority(os.PRIO_PROCESS, process) >= 10, "it must leave the machine to the user"
+        with contextlib.suppress(PermissionError):
+            os.setpriority(os.PRIO_PROCESS, process, 0)  # on a busy machine it would wait for ever
     yield from user.wait(lambda: not warmup.is_running(), 900, "the background compiling ends")
     assert warmup.is_warm(), "the background compiling failed; the reason is above"
     print(f"kernels compiled in the background in {time.monotonic() - start:.0f} s", flush=True)
