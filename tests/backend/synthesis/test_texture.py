@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hairloom.errors import Cancelled, InputError
 from hairloom.synthesis.patch_search import PatchPlaces, PatchSearch
-from hairloom.synthesis.texture import TextureParams, synthesize_texture
+from hairloom.synthesis.texture import TextureParams, _double, _double_sources, _halve, synthesize_texture
 from hairloom.types import FeatureMap
 from scipy.ndimage import gaussian_filter
 
@@ -290,6 +290,25 @@ def test_refuses_empty_maps_and_masks():
 def test_refuses_bad_settings(settings):
     with pytest.raises(InputError, match=next(iter(settings))):
         TextureParams(**settings)
+
+
+def test_halving_and_doubling_keep_a_slope_in_place():
+    v, u = np.mgrid[0:24, 0:16].astype(np.float32)
+    slope = np.stack([u + 2 * v, -v], axis=2)
+    coarse, mask = _halve(slope, everywhere(24, 16))
+    assert mask.all() and coarse.shape == (12, 8, 2)
+    np.testing.assert_allclose(_double(coarse)[1:-1, 1:-1], slope[1:-1, 1:-1], atol=1e-5)
+    cells = np.stack(np.indices((6, 5), dtype=np.int32), axis=2)
+    np.testing.assert_array_equal(_double_sources(cells), np.stack(np.indices((12, 10)), axis=2))
+
+
+def test_halving_takes_valid_cells_only():
+    mask = everywhere(4, 4)
+    mask[0, 0], mask[2:, 2:], mask[3, 3] = False, False, True
+    values = np.where(mask, 3.0, 1e6).astype(np.float32)[..., None]
+    coarse, valid = _halve(values, mask)
+    np.testing.assert_array_equal(valid, [[True, True], [True, False]])
+    np.testing.assert_array_equal(coarse[..., 0], 3.0)
 
 
 @pytest.mark.parametrize("window", [4, 8, 15])
