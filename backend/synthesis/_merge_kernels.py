@@ -91,12 +91,20 @@ def _offer_pairs(
 
 @device
 def _farthest_if_merged(
-    points: Float32, center: Float32, members: Int32, lists: Any, farthest: Int32, a: int, b: int, largest_error: float
+    points: Float32,
+    rows: Int32,
+    center: Float32,
+    members: Int32,
+    lists: Any,
+    farthest: Int32,
+    a: int,
+    b: int,
+    largest_error: float,
 ) -> int:
     """The strand of wisps a and b that is farthest from `center`, or -1 when one is beyond largest_error."""
     # what was farthest from its own center most likely still is: most pairs are refused here
     for wisp in (a, b):
-        if squared_distance(points[farthest[wisp]], center) > largest_error:
+        if squared_distance(points[rows[farthest[wisp]]], center) > largest_error:
             return -1
     head, _, after = lists
     far = -1
@@ -104,7 +112,7 @@ def _farthest_if_merged(
     for wisp in (a, b):
         item = head[wisp]
         while item >= 0:
-            distance = squared_distance(points[members[item]], center)
+            distance = squared_distance(points[rows[members[item]]], center)
             if distance > largest_error:
                 return -1
             if distance > most:
@@ -155,6 +163,7 @@ def _with_room(queue: Any, needed: int) -> Any:
 @kernel
 def merge_wisps(
     points: Float32,
+    rows: Int32,
     centers: Float32,
     starts: Int32,
     members: Int32,
@@ -172,7 +181,6 @@ def merge_wisps(
     """
     n_wisps = centers.shape[0]
     means = centers.copy()
-    middle = np.empty(centers.shape[1], np.float32)
     counts = np.diff(starts).astype(np.float64)
     far = farthest.copy()
     parent = np.arange(n_wisps).astype(np.int32)
@@ -197,10 +205,9 @@ def merge_wisps(
         if changes[kept] + changes[gone] != queue[2][entry]:
             continue
         share = np.float32(counts[gone] / (counts[kept] + counts[gone]))
-        for j in range(means.shape[1]):
-            middle[j] = means[kept, j] + share * (means[gone, j] - means[kept, j])
+        middle = means[kept] + share * (means[gone] - means[kept])
         if largest_error < np.inf:
-            strand = _farthest_if_merged(points, middle, members, strands, far, kept, gone, largest_error)
+            strand = _farthest_if_merged(points, rows, middle, members, strands, far, kept, gone, largest_error)
             if strand < 0:
                 continue
             far[kept] = strand

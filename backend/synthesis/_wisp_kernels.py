@@ -1,8 +1,8 @@
 """numba kernels of wisp clustering (Wang et al. 2009, sec. 4).
 
-Strands are rows of D = 3 N float32 coordinates in their root frames. The neighbourhood is a graph in compressed rows:
-the neighbours of strand s are neighbours[offsets[s]:offsets[s + 1]]. Members of wisp i are
-members[starts[i]:starts[i + 1]], in rising order.
+Strand s is points[rows[s]], D = 3 N float32 coordinates in its root frame: strands are numbered along the scalp,
+without a copy of them in that order. The neighbourhood is a graph in compressed rows: the neighbours of strand s are
+neighbours[offsets[s]:offsets[s + 1]]. Members of wisp i are members[starts[i]:starts[i + 1]], in rising order.
 """
 
 from __future__ import annotations
@@ -86,6 +86,7 @@ def _offer_neighbours(
     strand: int,
     label: int,
     points: Float32,
+    rows: Int32,
     centers: Float32,
     graph: Any,
     labels: Int32,
@@ -111,7 +112,7 @@ def _offer_neighbours(
         if old_labels[other] == label:
             entry_distance[n_entries] = old_distances[other]
         else:
-            entry_distance[n_entries] = squared_distance(points[other], centers[label])
+            entry_distance[n_entries] = squared_distance(points[rows[other]], centers[label])
             evaluated += 1
         entry_strand[n_entries] = other
         entry_label[n_entries] = label
@@ -126,6 +127,7 @@ def _offer_neighbours(
 @kernel
 def grow_wisps(
     points: Float32,
+    rows: Int32,
     centers: Float32,
     seeds: Int32,
     offsets: Int32,
@@ -173,7 +175,7 @@ def grow_wisps(
             if not active[label]:
                 continue
             if old_labels[strand] != label:
-                distances[strand] = squared_distance(points[strand], centers[label])
+                distances[strand] = squared_distance(points[rows[strand]], centers[label])
                 evaluated += 1
         else:
             entry = np.int64(heap[0] & np.uint64(0xFFFFFFFF))
@@ -185,7 +187,7 @@ def grow_wisps(
             labels[strand] = label
             distances[strand] = entry_distance[entry]
         size, n_entries, new = _offer_neighbours(
-            strand, label, points, centers, graph, labels, old, queue, size, n_entries
+            strand, label, points, rows, centers, graph, labels, old, queue, size, n_entries
         )
         evaluated += new
     return labels, distances, evaluated
@@ -211,6 +213,7 @@ def list_members(labels: Int32, n_wisps: int) -> Any:
 @parallel_kernel
 def fit_wisps(
     points: Float32,
+    rows: Int32,
     starts: Int32,
     members: Int32,
     refit: Bools,
@@ -223,8 +226,8 @@ def fit_wisps(
     """Fit each wisp with refit[i] to its strands: write its entries of the last five arrays.
 
     The center is the mean strand (W-12), `distances` L2 of the strands to it, the seed the strand nearest to it (W-11),
-    energies[i] the wisp's share of equation (3). Of equally near strands the first counts, of equally far ones the last,
-    so that of two strands or more none is both. Sums are float64, in the order of the members.
+    energies[i] the wisp's share of equation (3). Of equally near strands the first counts, of equally far ones the
+    last, so that of two strands or more none is both. Sums are float64, in the order of the members.
     """
     n_coordinates = points.shape[1]
     for i in numba.prange(refit.shape[0]):
@@ -234,7 +237,7 @@ def fit_wisps(
         last = starts[i + 1]
         sums = np.zeros(n_coordinates, np.float64)
         for m in range(first, last):
-            row = points[members[m]]
+            row = points[rows[members[m]]]
             for j in range(n_coordinates):
                 sums[j] += row[j]
         share = 1.0 / (last - first)
@@ -247,7 +250,7 @@ def fit_wisps(
         most = np.float32(-1.0)
         for m in range(first, last):
             strand = members[m]
-            distance = squared_distance(points[strand], centers[i])
+            distance = squared_distance(points[rows[strand]], centers[i])
             distances[strand] = distance
             energy += distance
             if distance < least:
@@ -275,6 +278,7 @@ def wisps_beside(labels: Int32, marked: Bools, offsets: Int32, neighbours: Int32
 @parallel_kernel
 def pick_split_seeds(
     points: Float32,
+    rows: Int32,
     starts: Int32,
     members: Int32,
     wisps: Int32,
@@ -298,12 +302,12 @@ def pick_split_seeds(
         for m in range(count):
             gaps[m] = 0.0 if members[first + m] == seeds[wisps[v]] else distances[members[first + m]]
         for p in range(1, picked.shape[1]):
-            seed = points[picked[v, p - 1]]
+            seed = points[rows[picked[v, p - 1]]]
             far = 0
             for m in range(count):
                 # a strand that is near enough already cannot become a seed
                 if gaps[m] > spacing:
-                    gaps[m] = min(gaps[m], squared_distance(points[members[first + m]], seed))
+                    gaps[m] = min(gaps[m], squared_distance(points[rows[members[first + m]]], seed))
                 if gaps[m] > gaps[far]:
                     far = m
             if gaps[far] <= spacing:

@@ -129,10 +129,15 @@ class _Curve:
 
 @dataclass(frozen=True, slots=True)
 class _Hair:
-    """Strands as rows (S, 3 N) float32, and the graph of their roots."""
+    """Strand s is points[rows[s]], (3 N,) float32; the graph is that of the strands in this order."""
 
     points: Float32
+    rows: Int32
     graph: RootGraph
+
+    @property
+    def n_strands(self) -> int:
+        return len(self.rows)
 
 
 def cluster_wisps(
@@ -167,10 +172,7 @@ def cluster_wisps(
     largest = max(float(strands.points.max()), -float(strands.points.min()))
     require(largest <= _LARGEST_COORDINATE, f"a strand reaches {largest:g} head radii from its root; check the units")
     progress(0.0, f"Wisps: neighbours of {count} roots")
-    # strands that are near on the scalp lie near in memory: twice as fast
-    order = spatial_order(strands.uv)
-    graph = connect_roots(strands.uv[order])
-    hair = _Hair(np.ascontiguousarray(strands.points).reshape(count, -1)[order], graph)
+    hair = _arrange(strands)
     curve = _Curve()
     partition = _cluster_fixed(hair, params, curve, subrange(progress, 0.1, 0.4))
     if params.adaptive:
@@ -178,19 +180,28 @@ def cluster_wisps(
         partition = _cluster_adaptively(hair, partition, threshold, params, curve, subrange(progress, 0.4, 1.0))
     progress(1.0, f"Wisps: {partition.n_wisps}")
     return WispSet(
-        labels=_scattered(partition.labels, order),
+        labels=_scattered(partition.labels, hair.rows),
         centers=partition.centers.reshape(-1, strands.n_points, 3),
-        seeds=order[partition.seeds].astype(np.int32),
-        errors=_scattered(partition.distances, order),
+        seeds=hair.rows[partition.seeds],
+        errors=_scattered(partition.distances, hair.rows),
         energies=tuple(curve.energies),
         splits=tuple(curve.splits),
     )
 
 
+def _arrange(strands: RootedStrands) -> _Hair:
+    """Number the strands along the scalp: what is stored for neighbours is near in memory, and the order given is of no
+    consequence. The strands themselves are not copied.
+    """
+    rows = spatial_order(strands.uv).astype(np.int32)
+    points = np.ascontiguousarray(strands.points).reshape(strands.n_strands, -1)
+    return _Hair(points, rows, connect_roots(strands.uv[rows]))
+
+
 _Value = TypeVar("_Value", np.int32, np.float32)
 
 
-def _scattered(values: NDArray[_Value], order: NDArray[np.int64]) -> NDArray[_Value]:
+def _scattered(values: NDArray[_Value], order: Int32) -> NDArray[_Value]:
     """`result[order[i]] = values[i]`."""
     result = np.empty_like(values)
     result[order] = values
@@ -199,7 +210,7 @@ def _scattered(values: NDArray[_Value], order: NDArray[np.int64]) -> NDArray[_Va
 
 def _cluster_fixed(hair: _Hair, params: WispParams, curve: _Curve, progress: Progress) -> _Partition:
     """Lloyd clustering into params.n_wisps wisps (W-11 to W-13)."""
-    count = len(hair.points)
+    count = hair.n_strands
     progress(0.0, f"Wisps: {params.n_wisps}, first seeds")
     rng = np.random.default_rng(params.seed)
     n_seeds = min(count, params.seeds_per_wisp * params.n_wisps)
@@ -207,7 +218,7 @@ def _cluster_fixed(hair: _Hair, params: WispParams, curve: _Curve, progress: Pro
     nobody = _Partition(
         labels=np.full(count, -1, np.int32),
         distances=np.zeros(count, np.float32),
-        centers=hair.points[seeds],
+        centers=hair.points[hair.rows[seeds]],
         seeds=seeds,
         farthest=seeds,
         wisp_energies=np.zeros(n_seeds),
@@ -269,6 +280,7 @@ def _split(hair: _Hair, partition: _Partition, split: Int32, threshold: float, m
     picked = np.empty((len(split), most), np.int32)
     pick_split_seeds(
         hair.points,
+        hair.rows,
         starts,
         members,
         split,
@@ -282,7 +294,7 @@ def _split(hair: _Hair, partition: _Partition, split: Int32, threshold: float, m
     before = _Partition(
         partition.labels,
         partition.distances,
-        np.concatenate([partition.centers, hair.points[new_seeds]]),
+        np.concatenate([partition.centers, hair.points[hair.rows[new_seeds]]]),
         np.concatenate([partition.seeds, new_seeds]),
         np.concatenate([partition.farthest, new_seeds]),
         np.concatenate([partition.wisp_energies, np.zeros(len(new_seeds))]),
@@ -317,6 +329,7 @@ def _iteration(hair: _Hair, before: _Partition, active: Bools) -> _Partition:
     graph = hair.graph
     labels, distances, _ = grow_wisps(
         hair.points,
+        hair.rows,
         before.centers,
         before.seeds,
         graph.offsets,
@@ -348,7 +361,15 @@ def _merge(hair: _Hair, partition: _Partition, n_wanted: int, largest_error: flo
     touching = to_rows(np.stack([ours[between], theirs[between]], axis=-1), before)
     starts, members = list_members(partition.labels, before)
     holders = merge_wisps(
-        hair.points, partition.centers, starts, members, partition.farthest, *touching, n_wanted, largest_error
+        hair.points,
+        hair.rows,
+        partition.centers,
+        starts,
+        members,
+        partition.farthest,
+        *touching,
+        n_wanted,
+        largest_error,
     )
     left, new_numbers = np.unique(holders, return_inverse=True)
     merged = _Partition(
@@ -368,6 +389,7 @@ def _fit(hair: _Hair, partition: _Partition, refit: Bools) -> None:
     starts, members = list_members(partition.labels, partition.n_wisps)
     fit_wisps(
         hair.points,
+        hair.rows,
         starts,
         members,
         refit,
