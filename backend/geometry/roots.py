@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import require
 from ..types import Bools, Float32, Float64, Head, Int32
 from ._roots_kernels import chain_edges, find_neighbours, nearest_distances, relax, sort_into_cells
-from .scalp_region import weld
+from .scalp_region import Indices, weld
 
 MOST_ROOTS = 20_000_000
 
@@ -66,7 +66,8 @@ def scatter_roots(head: Head, region: Bools, count: int, seed: int, *, iteration
 
     Returns
     -------
-    Roots, in the order of the triangles they started on; the same bytes for the same input on any number of threads.
+    Roots, along a space-filling curve but for what the relaxation moved; the same bytes for the same input on any
+    number of threads.
 
     Raises
     ------
@@ -87,15 +88,20 @@ def scatter_roots(head: Head, region: Bools, count: int, seed: int, *, iteration
     barycentric = np.clip(barycentric, 0.0, 1.0)
     barycentric /= barycentric.sum(axis=1, keepdims=True)
     points = np.einsum("nk,nkc->nc", barycentric, corners) + surface.middle
-    chosen = np.flatnonzero(region)[triangles]
+    chosen = surface.triangles[triangles]
     return Roots(points.astype(np.float32), chosen.astype(np.int32), barycentric.astype(np.float32), report)
 
 
 class _Region:
-    """The triangles of a region, numbered anew: corners around their middle, normals, areas, rings and border."""
+    """The triangles of a region along a space-filling curve, so that what is near in space is near in memory.
+
+    triangles : their numbers in the head; and their corners around their middle, normals, areas, rings and border.
+    """
 
     def __init__(self, head: Head, region: Bools) -> None:
-        corners = head.vertices[head.triangles[region]].astype(np.float64)
+        chosen = np.flatnonzero(region)
+        self.triangles = chosen[_along_curve(head.vertices[head.triangles[chosen]].mean(axis=1, dtype=np.float64))]
+        corners = head.vertices[head.triangles[self.triangles]].astype(np.float64)
         self.middle = corners.reshape(-1, 3).mean(axis=0) if len(corners) else np.zeros(3)
         self.corners = np.ascontiguousarray(corners - self.middle)
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -103,7 +109,7 @@ class _Region:
         self.areas: Float64 = 0.5 * doubled
         self.area = float(self.areas.sum())
         self.normals = cross / np.where(doubled > 0, doubled, 1.0)[:, None]
-        self._welded = weld(head)[region]
+        self._welded = weld(head)[self.triangles]
 
     def random_places(self, count: int, generator: np.random.Generator) -> tuple[Int32, Float64]:
         """Random triangles (n,) in rising order and uniform barycentric places (n, 3), by area.
@@ -156,6 +162,19 @@ class _Region:
         edge = np.minimum(np.searchsorted(reached, marks, side="right"), len(border) - 1)
         share = 1.0 - ((reached[edge] - marks) / lengths[edge])[:, None]
         return low[edge] * (1.0 - share) + high[edge] * share, self.normals[triangle[edge]]
+
+
+def _along_curve(points: Float64) -> Indices:
+    """The order of points (n, 3) along Morton's curve through a grid of 1024^3."""
+    if len(points) == 0:
+        return np.empty(0, np.int64)
+    low, size = points.min(axis=0), float(np.ptp(points, axis=0).max())
+    cells = ((points - low) * (1023.0 / size if size > 0 else 0.0)).astype(np.int64)
+    code = np.zeros(len(points), np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            code |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return np.argsort(code, kind="stable")
 
 
 def _relax(
