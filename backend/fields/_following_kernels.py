@@ -1,7 +1,7 @@
 """Kernel of `fields.tracing.follow`: streamlines that keep to the shape of the strand that they replace (W-A3).
 
-A grid is handed over as: is_scalp, polar_scale and height of its scalp space, origin (3,) float64 and per_cell =
-1 / spacing, shape (3 ints), blocks (BX, BY, BZ), cells = its directions as a flat array, shift (see DirectionGrid).
+A grid is handed over as: is_scalp, elevation and height of its scalp space (see scalp_coordinates), then origin (3,)
+float64, per_cell, shape, blocks, cells, shift and strides (see _lookup_kernels).
 A strand's work is its own and uses its own input only, so results do not depend on the thread count.
 """
 
@@ -13,10 +13,9 @@ from typing import Any
 import numba
 import numpy as np
 
-from ..geometry._scalp_space_kernels import scalp_from_head
 from ..kernels import device, parallel_kernel
 from ..types import Floats, Int32
-from ._lookup_kernels import ZERO, unit_direction
+from ._lookup_kernels import ZERO, scalp_coordinates, unit_direction
 from ._tracing_kernels import N_PARTITIONS, respace
 
 
@@ -46,22 +45,22 @@ def _blend(
 
 @device
 def _push_out(
-    x: float, y: float, z: float, w: float, own: Floats, i: int, share: float, clearance: float, polar_scale: float,
+    x: float, y: float, z: float, w: float, own: Floats, i: int, share: float, clearance: float, elevation: Floats,
     height: Floats,
 ) -> float:  # fmt: skip
     """How much farther from the centre (x, y, z) at height w must be; not above the strand's own height there."""
     ox = own[i, 0] + share * (own[i + 1, 0] - own[i, 0])
     oy = own[i, 1] + share * (own[i + 1, 1] - own[i, 1])
     oz = own[i, 2] + share * (own[i + 1, 2] - own[i, 2])
-    _, _, own_w = scalp_from_head(ox, oy, oz, polar_scale, height)
+    _, _, own_w = scalp_coordinates(ox, oy, oz, elevation, height)
     return max(0.0, min(clearance, own_w) - w)
 
 
 @device
 def _follow(
     own: Floats, weight: float, step: float, full_cosine: float, none_cosine: float, clearance: float, above: float,
-    fill_gaps: bool, is_scalp: bool, polar_scale: float, height: Floats, origin: Floats, per_cell: float, shape: Any,
-    blocks: Int32, cells: Floats, shift: int, line: Floats,
+    fill_gaps: bool, is_scalp: bool, elevation: Floats, height: Floats, origin: Floats, per_cell: float, shape: Any,
+    blocks: Int32, cells: Floats, shift: int, strides: Any, line: Floats,
 ) -> int:  # fmt: skip
     """Fill line (N, 3) with a streamline that has a point for each of own (N, 3); returns the number of points.
 
@@ -71,13 +70,13 @@ def _follow(
     line[0, 0], line[0, 1], line[0, 2] = x, y, z
     a, b, c = x, y, z
     if is_scalp:
-        a, b, c = scalp_from_head(x, y, z, polar_scale, height)
+        a, b, c = scalp_coordinates(x, y, z, elevation, height)
     for i in range(len(own) - 1):
         sx, sy, sz = own[i + 1, 0] - own[i, 0], own[i + 1, 1] - own[i, 1], own[i + 1, 2] - own[i, 2]
         length = math.sqrt(sx * sx + sy * sy + sz * sz)
-        n_steps = math.ceil(length / step)
+        n_steps = max(1, int(length / step + 0.5)) if length > 0.0 else 0
         for part in range(n_steps):
-            fx, fy, fz = unit_direction(a, b, c, origin, per_cell, shape, blocks, cells, shift)
+            fx, fy, fz = unit_direction(a, b, c, origin, per_cell, shape, blocks, cells, shift, strides)
             if not fill_gaps and fx == ZERO and fy == ZERO and fz == ZERO:
                 line[i + 1, 0], line[i + 1, 1], line[i + 1, 2] = x, y, z
                 return i + 2
@@ -91,10 +90,10 @@ def _follow(
             a, b, c = x, y, z
             r = math.sqrt(x * x + y * y + z * z)
             if is_scalp or r < above:
-                u, v, w = scalp_from_head(x, y, z, polar_scale, height)
+                u, v, w = scalp_coordinates(x, y, z, elevation, height)
                 if w < clearance:
                     push = _push_out(
-                        x, y, z, w, own, i, (part + 1) / n_steps, clearance, polar_scale, height
+                        x, y, z, w, own, i, (part + 1) / n_steps, clearance, elevation, height
                     )  # fmt: skip
                     w += push
                     x, y, z = x + x / r * push, y + y / r * push, z + z / r * push
@@ -106,8 +105,8 @@ def _follow(
 @parallel_kernel
 def follow_strands(
     own: Floats, weights: Floats, step: float, full_cosine: float, none_cosine: float, clearance: float,
-    above: float, fill_gaps: bool, order: Int32, is_scalp: bool, polar_scale: float, height: Floats, origin: Floats,
-    per_cell: float, shape: Any, blocks: Int32, cells: Floats, shift: int, points: Floats, counts: Int32,
+    above: float, fill_gaps: bool, order: Int32, is_scalp: bool, elevation: Floats, height: Floats, origin: Floats,
+    per_cell: float, shape: Any, blocks: Int32, cells: Floats, shift: int, strides: Any, points: Floats, counts: Int32,
 ) -> None:  # fmt: skip
     """points (S, N, 3) of the strands own (S, N, 3) redrawn along the field; counts (S,): points before it ended.
 
@@ -124,7 +123,7 @@ def follow_strands(
                 continue
             count = _follow(
                 own[strand], weights[strand], step, full_cosine, none_cosine, clearance, above, fill_gaps, is_scalp,
-                polar_scale, height, origin, per_cell, shape, blocks, cells, shift, line,
+                elevation, height, origin, per_cell, shape, blocks, cells, shift, strides, line,
             )  # fmt: skip
             counts[strand] = count
             if count < n_points:

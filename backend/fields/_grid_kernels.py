@@ -236,8 +236,9 @@ def average_blocks(
     """Eq. 9 in every block, all passes while the block is in the cache.
 
     points, coordinates : (P, 3) flat views. corners (B, 3): first cell of each block; starts, ends (B,): its runs in
-    spans (R, 2). Filled: directions (B, 512, 3), unless it is empty; coherence (B, 3): sum over the cells of |sum of
-    tangents times length| and of the length in the first pass, and the cells that have a direction.
+    spans (R, 2). Filled: directions (B, 9, 9, 9, 3) up to the last layers, unless it is empty; coherence (B, 3): sum
+    over the cells of |sum of tangents times length| and of the length in the first pass, and the cells that have a
+    direction.
     """
     n_blocks = len(corners)
     for partition in numba.prange(N_PARTITIONS):
@@ -281,6 +282,32 @@ def average_blocks(
             for cell in range(BLOCK_CELLS):
                 if mean[cell, 0] != 0.0 or mean[cell, 1] != 0.0 or mean[cell, 2] != 0.0:
                     coherence[block, 2] += 1.0
-                if len(directions) > 0:
+            if len(directions) > 0:
+                for i in range(SIDE):
+                    for j in range(SIDE):
+                        for k in range(SIDE):
+                            for axis in range(3):
+                                directions[block, i, j, k, axis] = mean[(i * SIDE + j) * SIDE + k, axis]
+
+
+@parallel_kernel
+def fill_margins(corners: Int32, table: Int32, directions: Floats) -> None:
+    """Copy into the last layer of each block, directions (B, 9, 9, 9, 3), the first cells of the blocks behind it.
+
+    corners (B, 3): each block's place in table (BX, BY, BZ). With the copies a lookup needs one block only.
+    """
+    for block in numba.prange(len(corners)):
+        for i in range(SIDE + 1):
+            for j in range(SIDE + 1):
+                for k in range(SIDE if i < SIDE and j < SIDE else 0, SIDE + 1):
+                    a, b, c = (
+                        corners[block, 0] + i // SIDE,
+                        corners[block, 1] + j // SIDE,
+                        corners[block, 2] + k // SIDE,
+                    )
+                    other = -1
+                    if a < table.shape[0] and b < table.shape[1] and c < table.shape[2]:
+                        other = table[a, b, c]
                     for axis in range(3):
-                        directions[block, cell, axis] = mean[cell, axis]
+                        value = directions[other, i % SIDE, j % SIDE, k % SIDE, axis] if other >= 0 else 0.0
+                        directions[block, i, j, k, axis] = value

@@ -1,7 +1,8 @@
 """Looking a direction grid up, for the kernels that trace strands.
 
 One lookup serves sparse and dense grids: a dense grid is a single block. The arguments are `DirectionGrid`'s: origin
-(3,) float64 and per_cell = 1 / spacing, shape (3 ints), blocks (BX, BY, BZ), cells = directions as a flat array, shift.
+(3,) float64 and per_cell = 1 / spacing, shape (3 ints), blocks (BX, BY, BZ), cells = directions as a flat array,
+shift = log2 of the cells along a block, strides = cells from one block, x and y to the next.
 """
 
 from __future__ import annotations
@@ -9,17 +10,48 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numba
 import numpy as np
 
-from ..kernels import device, inlined_device
+from ..geometry._scalp_space_kernels import arc_cotangent, bilinear
+from ..kernels import device, inlined_device, parallel_kernel
 from ..types import Floats, Int32
 
 ZERO, ONE, TINY = np.float32(0.0), np.float32(1.0), np.float32(1e-6)
 
 
+@device
+def scalp_coordinates(x: float, y: float, z: float, elevation: Floats, height: Floats) -> tuple[float, float, float]:
+    """(u, v, w) of the head-space point (x, y, z) as ScalpSpace.to_scalp has them, at half the cost.
+
+    elevation (T,): tan u = elevation / x^, tan v = elevation / z^ for unit directions with y^ from -1 to 1 in equal
+    steps (grid.elevation_table); without the remap of W-6 it is y^ + 1.
+    """
+    r = math.sqrt(x * x + y * y + z * z)
+    inverse = 1.0 / max(r, 1e-30)
+    last = len(elevation) - 1
+    row = (y * inverse + 1.0) * (0.5 * last)
+    i = min(max(int(row), 0), last - 1)
+    rise = elevation[i] + (row - i) * (elevation[i + 1] - elevation[i])
+    u, v = arc_cotangent(rise, x * inverse), arc_cotangent(rise, z * inverse)
+    return u, v, r - bilinear(height, u, v)
+
+
+@parallel_kernel
+def map_to_cells(points: Floats, elevation: Floats, height: Floats, coordinates: Floats) -> None:
+    """coordinates (S, N, 3): u, v, w of head-space points (S, N, 3)."""
+    n_strands, n_points, _ = points.shape
+    for strand in numba.prange(n_strands):
+        for i in range(n_points):
+            u, v, w = scalp_coordinates(
+                points[strand, i, 0], points[strand, i, 1], points[strand, i, 2], elevation, height
+            )  # fmt: skip
+            coordinates[strand, i, 0], coordinates[strand, i, 1], coordinates[strand, i, 2] = u, v, w
+
+
 @inlined_device
 def mean_direction(
-    x: float, y: float, z: float, shape: Any, blocks: Int32, cells: Floats, shift: int
+    x: float, y: float, z: float, shape: Any, blocks: Int32, cells: Floats, shift: int, strides: Any
 ) -> tuple[float, float, float]:
     """The trilinear mean of the 8 cells around (x, y, z); cells outside the grid count as 0.
 
@@ -27,38 +59,38 @@ def mean_direction(
     """
     i, j, k = math.floor(x), math.floor(y), math.floor(z)
     fx, fy, fz = np.float32(x - i), np.float32(y - j), np.float32(z - k)
-    gx, gy, gz = ONE - fx, ONE - fy, ONE - fz
-    mask = (1 << shift) - 1
     vx = vy = vz = ZERO
-    inside = i >= 0 and j >= 0 and k >= 0 and i + 1 < shape[0] and j + 1 < shape[1] and k + 1 < shape[2]
-    if inside and i & mask != mask and j & mask != mask and k & mask != mask:
+    block = -1
+    if i >= 0 and j >= 0 and k >= 0 and i + 1 < shape[0] and j + 1 < shape[1] and k + 1 < shape[2]:
         block = blocks[i >> shift, j >> shift, k >> shift]
-        if block >= 0:
-            # the 8 cells lie in one block: a b c d are its cells at (0, 0), (0, 1), (1, 0), (1, 1) in (x, y)
-            along_y, along_x = _strides(shape, mask)
-            a0 = 3 * ((block << 3 * shift) + (i & mask) * along_x + (j & mask) * along_y + (k & mask))
-            b0, c0 = a0 + 3 * along_y, a0 + 3 * along_x
-            d0 = c0 + 3 * along_y
-            wa, wb, wc, wd = gx * gy, gx * fy, fx * gy, fx * fy
-            low_x = wa * cells[a0] + wb * cells[b0] + wc * cells[c0] + wd * cells[d0]
-            low_y = wa * cells[a0 + 1] + wb * cells[b0 + 1] + wc * cells[c0 + 1] + wd * cells[d0 + 1]
-            low_z = wa * cells[a0 + 2] + wb * cells[b0 + 2] + wc * cells[c0 + 2] + wd * cells[d0 + 2]
-            high_x = wa * cells[a0 + 3] + wb * cells[b0 + 3] + wc * cells[c0 + 3] + wd * cells[d0 + 3]
-            high_y = wa * cells[a0 + 4] + wb * cells[b0 + 4] + wc * cells[c0 + 4] + wd * cells[d0 + 4]
-            high_z = wa * cells[a0 + 5] + wb * cells[b0 + 5] + wc * cells[c0 + 5] + wd * cells[d0 + 5]
-            vx, vy, vz = gz * low_x + fz * high_x, gz * low_y + fz * high_y, gz * low_z + fz * high_z
+    if block >= 0:
+        # a block has copies of the neighbours' cells: a b c d are those at (0, 0), (0, 1), (1, 0), (1, 1) in (x, y)
+        mask = (1 << shift) - 1
+        a = 3 * (block * strides[0] + (i & mask) * strides[1] + (j & mask) * strides[2] + (k & mask))
+        b, c = a + 3 * strides[2], a + 3 * strides[1]
+        d = c + 3 * strides[2]
+        gx, gy, gz = ONE - fx, ONE - fy, ONE - fz
+        wa, wb, wc, wd = gx * gy, gx * fy, fx * gy, fx * fy
+        low_x = wa * cells[a] + wb * cells[b] + wc * cells[c] + wd * cells[d]
+        low_y = wa * cells[a + 1] + wb * cells[b + 1] + wc * cells[c + 1] + wd * cells[d + 1]
+        low_z = wa * cells[a + 2] + wb * cells[b + 2] + wc * cells[c + 2] + wd * cells[d + 2]
+        high_x = wa * cells[a + 3] + wb * cells[b + 3] + wc * cells[c + 3] + wd * cells[d + 3]
+        high_y = wa * cells[a + 4] + wb * cells[b + 4] + wc * cells[c + 4] + wd * cells[d + 4]
+        high_z = wa * cells[a + 5] + wb * cells[b + 5] + wc * cells[c + 5] + wd * cells[d + 5]
+        vx, vy, vz = gz * low_x + fz * high_x, gz * low_y + fz * high_y, gz * low_z + fz * high_z
     elif i >= -1 and j >= -1 and k >= -1 and i < shape[0] and j < shape[1] and k < shape[2]:
-        vx, vy, vz = _across_blocks(i, j, k, fx, fy, fz, shape, blocks, cells, shift)
+        vx, vy, vz = _across_blocks(i, j, k, fx, fy, fz, shape, blocks, cells, shift, strides)
     return vx, vy, vz
 
 
 @inlined_device
 def unit_direction(
-    a: float, b: float, c: float, origin: Floats, per_cell: float, shape: Any, blocks: Int32, cells: Floats, shift: int
-) -> tuple[float, float, float]:
+    a: float, b: float, c: float, origin: Floats, per_cell: float, shape: Any, blocks: Int32, cells: Floats,
+    shift: int, strides: Any,
+) -> tuple[float, float, float]:  # fmt: skip
     """The unit direction at (a, b, c) in the space of the grid; 0 where the cells around have none."""
     x, y, z = (a - origin[0]) * per_cell - 0.5, (b - origin[1]) * per_cell - 0.5, (c - origin[2]) * per_cell - 0.5
-    vx, vy, vz = mean_direction(x, y, z, shape, blocks, cells, shift)
+    vx, vy, vz = mean_direction(x, y, z, shape, blocks, cells, shift, strides)
     size = math.sqrt(vx * vx + vy * vy + vz * vz)
     if size < TINY:
         return ZERO, ZERO, ZERO
@@ -66,20 +98,13 @@ def unit_direction(
     return vx * scale, vy * scale, vz * scale
 
 
-@inlined_device
-def _strides(shape: Any, mask: int) -> tuple[int, int]:
-    """Cells from one to the next along y and along x within a block."""
-    along_y = min(mask + 1, shape[2])
-    return along_y, along_y * min(mask + 1, shape[1])
-
-
 @device
 def _across_blocks(
-    i: int, j: int, k: int, fx: float, fy: float, fz: float, shape: Any, blocks: Int32, cells: Floats, shift: int
-) -> tuple[float, float, float]:
-    """The trilinear mean where the 8 cells lie in several blocks or partly outside the grid."""
+    i: int, j: int, k: int, fx: float, fy: float, fz: float, shape: Any, blocks: Int32, cells: Floats, shift: int,
+    strides: Any,
+) -> tuple[float, float, float]:  # fmt: skip
+    """The trilinear mean where the first of the 8 cells lies in no block, or some lie outside the grid."""
     mask = (1 << shift) - 1
-    along_y, along_x = _strides(shape, mask)
     vx = vy = vz = ZERO
     for corner in range(8):
         a, b, c = i + (corner >> 2), j + (corner >> 1 & 1), k + (corner & 1)
@@ -89,7 +114,7 @@ def _across_blocks(
         if block >= 0:
             weight = (fx if corner & 4 else ONE - fx) * (fy if corner & 2 else ONE - fy)
             weight *= fz if corner & 1 else ONE - fz
-            cell = 3 * ((block << 3 * shift) + (a & mask) * along_x + (b & mask) * along_y + (c & mask))
+            cell = 3 * (block * strides[0] + (a & mask) * strides[1] + (b & mask) * strides[2] + (c & mask))
             vx += weight * cells[cell]
             vy += weight * cells[cell + 1]
             vz += weight * cells[cell + 2]

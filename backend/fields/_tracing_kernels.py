@@ -1,7 +1,7 @@
 """Kernels of `fields.tracing`: Euler streamlines through a direction grid (W-26).
 
-A grid is handed over as: is_scalp, polar_scale and height of its scalp space, origin (3,) float64 and per_cell =
-1 / spacing, shape (3 ints), blocks (BX, BY, BZ), cells = its directions as a flat array, shift (see DirectionGrid).
+A grid is handed over as: is_scalp, elevation and height of its scalp space (see scalp_coordinates), then origin (3,)
+float64, per_cell, shape, blocks, cells, shift and strides (see _lookup_kernels).
 A strand's work is its own and uses its own input only, so results do not depend on the thread count.
 """
 
@@ -13,18 +13,17 @@ from typing import Any
 import numba
 import numpy as np
 
-from ..geometry._scalp_space_kernels import scalp_from_head
 from ..kernels import device, parallel_kernel
 from ..types import Floats, Int32
-from ._lookup_kernels import TINY, mean_direction
+from ._lookup_kernels import TINY, mean_direction, scalp_coordinates
 
 N_PARTITIONS = 64  # fixed, so that the work is dealt out alike for any number of threads
 
 
 @device
 def _streamline(
-    root: Floats, length: float, step: float, is_scalp: bool, polar_scale: float, height: Floats, origin: Floats,
-    per_cell: float, shape: Any, blocks: Int32, cells: Floats, shift: int, line: Floats,
+    root: Floats, length: float, step: float, is_scalp: bool, elevation: Floats, height: Floats, origin: Floats,
+    per_cell: float, shape: Any, blocks: Int32, cells: Floats, shift: int, strides: Any, line: Floats,
 ) -> int:  # fmt: skip
     """Fill line (K, 3) with Euler steps from the root up to `length`; returns the number of points.
 
@@ -43,9 +42,9 @@ def _streamline(
             return count
         a, b, c = x, y, z
         if is_scalp:
-            a, b, c = scalp_from_head(x, y, z, polar_scale, height)
+            a, b, c = scalp_coordinates(x, y, z, elevation, height)
             a, b, c = (a - middle_x) * per_cell, (b - middle_y) * per_cell, (c - middle_z) * per_cell
-        vx, vy, vz = mean_direction(a, b, c, shape, blocks, cells, shift)
+        vx, vy, vz = mean_direction(a, b, c, shape, blocks, cells, shift, strides)
         size = math.sqrt(vx * vx + vy * vy + vz * vz)
         if size < TINY:
             return count
@@ -59,8 +58,8 @@ def _streamline(
 
 @parallel_kernel
 def trace_lines(
-    roots: Floats, lengths: Floats, step: float, order: Int32, is_scalp: bool, polar_scale: float, height: Floats,
-    origin: Floats, per_cell: float, shape: Any, blocks: Int32, cells: Floats, shift: int,
+    roots: Floats, lengths: Floats, step: float, order: Int32, is_scalp: bool, elevation: Floats, height: Floats,
+    origin: Floats, per_cell: float, shape: Any, blocks: Int32, cells: Floats, shift: int, strides: Any,
     lines: Floats, counts: Int32,
 ) -> None:  # fmt: skip
     """lines (S, K, 3): the Euler points of each strand, the last one repeated; counts (S,): how many there are.
@@ -73,8 +72,8 @@ def trace_lines(
             strand = order[rank]
             line = lines[strand]
             count = _streamline(
-                roots[strand], lengths[strand], step, is_scalp, polar_scale, height, origin, per_cell, shape, blocks,
-                cells, shift, line,
+                roots[strand], lengths[strand], step, is_scalp, elevation, height, origin, per_cell, shape, blocks,
+                cells, shift, strides, line,
             )  # fmt: skip
             counts[strand] = count
             for i in range(count, len(line)):
@@ -83,8 +82,8 @@ def trace_lines(
 
 @parallel_kernel
 def trace_spaced(
-    roots: Floats, lengths: Floats, step: float, order: Int32, is_scalp: bool, polar_scale: float, height: Floats,
-    origin: Floats, per_cell: float, shape: Any, blocks: Int32, cells: Floats, shift: int,
+    roots: Floats, lengths: Floats, step: float, order: Int32, is_scalp: bool, elevation: Floats, height: Floats,
+    origin: Floats, per_cell: float, shape: Any, blocks: Int32, cells: Floats, shift: int, strides: Any,
     longest: int, points: Floats, reached: Floats,
 ) -> None:  # fmt: skip
     """points (S, N, 3): each strand at N equal steps of arc length; reached (S,): its length.
@@ -97,8 +96,8 @@ def trace_spaced(
         for rank in range(partition * n_strands // N_PARTITIONS, (partition + 1) * n_strands // N_PARTITIONS):
             strand = order[rank]
             count = _streamline(
-                roots[strand], lengths[strand], step, is_scalp, polar_scale, height, origin, per_cell, shape, blocks,
-                cells, shift, line,
+                roots[strand], lengths[strand], step, is_scalp, elevation, height, origin, per_cell, shape, blocks,
+                cells, shift, strides, line,
             )  # fmt: skip
             respace(line, count, points[strand])
             reached[strand] = min((count - 1) * step, lengths[strand])

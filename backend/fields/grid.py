@@ -13,15 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import require
+from ..geometry._scalp_space_kernels import remap_polar
 from ..geometry.scalp_space import ScalpSpace
 from ..types import Float32, Float64, Floats, Int32
-from ._grid_kernels import BLOCK_CELLS, SHIFT, SIDE, average_blocks, count_runs, emit_runs, sort_runs
+from ._grid_kernels import SHIFT, SIDE, average_blocks, count_runs, emit_runs, fill_margins, sort_runs
+from ._lookup_kernels import map_to_cells
 
 Int64 = NDArray[np.int64]
 
-MAX_BLOCKS = 65_536  # 400 MB of directions
+MAX_BLOCKS = 49_152  # 430 MB of directions
 MAX_TABLE = 1 << 24  # 64 MB of block numbers
-SPREAD_BLOCKS = 4096  # at least so many of the blocks are looked at by tangent_spread
+SPREAD_BLOCKS = 512  # at least so many of the blocks are looked at by tangent_spread
 DENSE_SHIFT = 20  # a dense grid is one block that no grid outgrows
 MAX_STEP_UV = 0.5  # radians that a segment may span in u or v; beyond, it passes the south pole, where u and v jump
 
@@ -35,7 +37,8 @@ class DirectionGrid:
     origin : (3,) float64, lower corner of cell (0, 0, 0).
     shape : cells along each axis.
     blocks : (BX, BY, BZ) int32, the rank of each block in `directions`, -1 where no hair passes.
-    directions : (B, cells of a block, 3) float32, head space.
+    directions : (B, X, Y, Z, 3) float32, head space; the cells of each block, in a sparse grid with one more layer
+        along each axis that repeats the first cells of the next blocks.
     shift : log2 of the cells along the edge of a block; a dense grid is a single block.
     n_cells : cells that have a direction.
     """
@@ -49,13 +52,21 @@ class DirectionGrid:
     shift: int
     n_cells: int
 
+    @property
+    def strides(self) -> tuple[int, int, int]:
+        """Cells in `directions` from one block, x and y to the next."""
+        _, x, y, z, _ = self.directions.shape
+        return x * y * z, y * z, z
+
     def dense(self) -> Float32:
         """(X, Y, Z, 3) float32, all cells; for tests and small grids."""
         if self.shift == DENSE_SHIFT:
-            return self.directions.reshape(*self.shape, 3)
+            return self.directions[0]
         side = 1 << self.shift
-        padded = np.concatenate([self.directions, np.zeros((1, side**3, 3), np.float32)])
-        tiles = padded[self.blocks].reshape(*self.blocks.shape, side, side, side, 3)
+        stored = np.concatenate(
+            [self.directions[:, :side, :side, :side], np.zeros((1, side, side, side, 3), np.float32)]
+        )
+        tiles = stored[self.blocks]
         return np.ascontiguousarray(tiles.transpose(0, 3, 1, 4, 2, 5, 6)).reshape(*self.shape, 3)
 
 
@@ -68,11 +79,7 @@ class _Runs:
     table: Int32  # (BX, BY, BZ) rank of each block, -1 where there is none
     ends: Int64  # (B,) end of each block's runs
     spans: Int32  # (R, 2) first and last segment
-
-    def corners(self) -> Int64:
-        """(B, 3) the first cell of each block, counted from the origin of the space."""
-        met = np.argwhere(self.table >= 0)
-        return ((met + self.low) * SIDE).astype(np.int64)
+    places: Int64  # (B, 3) of each block in the table
 
 
 def dense_grid(directions: Float32, origin: Floats, spacing: float) -> DirectionGrid:
@@ -90,7 +97,7 @@ def dense_grid(directions: Float32, origin: Floats, spacing: float) -> Direction
     x, y, z, _ = directions.shape
     return DirectionGrid(
         None, spacing, np.asarray(origin, np.float64), (x, y, z), np.zeros((1, 1, 1), np.int32),
-        np.ascontiguousarray(directions, np.float32).reshape(1, x * y * z, 3), DENSE_SHIFT,
+        np.ascontiguousarray(directions, np.float32)[None], DENSE_SHIFT,
         int(np.count_nonzero(directions.any(axis=3))),
     )  # fmt: skip
 
@@ -119,8 +126,9 @@ def build_direction_grid(
     require(max_blocks >= 1, f"max_blocks is {max_blocks}; it must be 1 or more")
     coordinates = _coordinates(points, space, spacing)
     runs = _sorted_runs(coordinates, spacing, MAX_STEP_UV if space is not None else math.inf, max_blocks)
-    directions = np.empty((len(runs.ends), BLOCK_CELLS, 3), np.float32)
+    directions = np.empty((len(runs.ends), *[SIDE + 1] * 3, 3), np.float32)
     coherence = _average(points, coordinates, runs, iterations, directions)
+    fill_margins(runs.places, runs.table, directions)
     bx, by, bz = runs.table.shape
     return DirectionGrid(
         space, runs.spacing, runs.low * (SIDE * runs.spacing), (bx * SIDE, by * SIDE, bz * SIDE), runs.table,
@@ -139,9 +147,8 @@ def tangent_spread(points: Float32, cell: float) -> float:
     """
     coordinates = _coordinates(points, None, cell)
     runs = _sorted_runs(coordinates, cell, math.inf, MAX_TABLE)
-    coherence = _average(
-        points, coordinates, runs, 1, np.empty((0, BLOCK_CELLS, 3), np.float32), len(runs.ends) // SPREAD_BLOCKS + 1
-    )
+    no_directions = np.empty((0, *[SIDE + 1] * 3, 3), np.float32)
+    coherence = _average(points, coordinates, runs, 1, no_directions, len(runs.ends) // SPREAD_BLOCKS + 1)
     together, total = coherence[:, 0].sum(), coherence[:, 1].sum()
     return math.sqrt(max(0.0, 2.0 * (1.0 - together / total))) if total > 0 else 0.0
 
@@ -157,7 +164,21 @@ def _coordinates(points: Float32, space: ScalpSpace | None, spacing: float) -> F
     require(fits, f"points must have shape (S, N, 3) with S >= 1 and N >= 2, not {points.shape}")
     size = points.shape[0] * points.shape[1]
     require(size < 2**31, f"{size} points are more than the {2**31 - 1} that one grid takes; use fewer strands")
-    return np.ascontiguousarray(points if space is None else space.to_scalp(points), dtype=np.float32)
+    plain = np.ascontiguousarray(points, dtype=np.float32)
+    if space is None:
+        return plain
+    coordinates = np.empty_like(plain)
+    map_to_cells(plain, elevation_table(space), space.height, coordinates)
+    return coordinates
+
+
+def elevation_table(space: ScalpSpace, size: int = 4097) -> Float64:
+    """(T,) the table by which kernels find (u, v): see _lookup_kernels.scalp_coordinates."""
+    theta = np.arccos(np.linspace(-1.0, 1.0, size))
+    half = 0.5 * np.array([remap_polar(angle, space.polar_scale) for angle in theta])
+    rise = np.sin(theta) / np.tan(np.maximum(half, 1e-12))
+    rise[-1] = 2.0 / space.polar_scale  # the limit at the top
+    return np.maximum(rise, 0.0)
 
 
 def _sorted_runs(coordinates: Float32, spacing: float, jump: float, max_blocks: int) -> _Runs:
@@ -186,7 +207,8 @@ def _sorted_runs(coordinates: Float32, spacing: float, jump: float, max_blocks: 
     ends[1:] = np.cumsum(np.bincount(table[keys], minlength=len(met)))[:-1]
     sorted_spans = np.empty_like(spans)
     sort_runs(keys, table, ends, spans, sorted_spans)
-    return _Runs(spacing, low, table.reshape(shape), ends, sorted_spans)
+    places = np.stack(np.unravel_index(met, tuple(shape)), axis=1)
+    return _Runs(spacing, low, table.reshape(shape), ends, sorted_spans, places)
 
 
 def _average(
@@ -196,8 +218,9 @@ def _average(
     starts = np.concatenate([[0], runs.ends[:-1]])[::every]
     coherence = np.zeros((len(starts), 3))
     flat = np.ascontiguousarray(points, dtype=np.float32).reshape(-1, 3)
+    corners = (runs.places[::every] + runs.low) * SIDE
     average_blocks(
-        flat, coordinates.reshape(-1, 3), 1.0 / runs.spacing, runs.corners()[::every], starts, runs.ends[::every],
-        runs.spans, iterations, directions, coherence,
+        flat, coordinates.reshape(-1, 3), 1.0 / runs.spacing, corners, starts, runs.ends[::every], runs.spans,
+        iterations, directions, coherence,
     )  # fmt: skip
     return coherence

@@ -12,9 +12,10 @@ from ..geometry.scalp_space import ScalpSpace
 from ..types import Float32, Floats, Int32
 from ._following_kernels import follow_strands
 from ._tracing_kernels import trace_lines, trace_spaced
-from .grid import DirectionGrid
+from .grid import DirectionGrid, elevation_table
 
 MAX_STEPS = 1_000_000
+_NO_TABLE = np.zeros(2)
 _NO_HEIGHT = np.ones((2, 2), np.float32)
 
 
@@ -82,10 +83,11 @@ def follow(
 ) -> tuple[Float32, Int32]:
     """Redraw strands along the field, each from its root and with the lengths of its own segments.
 
-    Euler's method, with steps that divide the strand's segments and are `step` or shorter. The direction of a step is
-    that of (1 - w) T + w v, T being the strand's own tangent at the same arc length and v the field's direction. w is
-    the strand's weight, times the trust in the field: 1 while v is within `angle_limit` of T, from there falling
-    with the cosine to 0 at twice the limit. Weight 1 and limit pi give the field's streamline, weight 0 the strand.
+    Euler's method, with steps that divide the strand's segments into equal parts, as close to `step` as that goes.
+    The direction of a step is that of (1 - w) T + w v, T being the strand's own tangent at the same arc length and v
+    the field's direction. w is the strand's weight, times the trust in the field: 1 while v is within `angle_limit`
+    of T, from there falling with the cosine to 0 at twice the limit. Weight 1 and limit pi give the field's
+    streamline, weight 0 the strand.
 
     Parameters
     ----------
@@ -135,10 +137,10 @@ def near_order(points: Floats) -> Int32:
 def _arguments(grid: DirectionGrid, space: ScalpSpace | None) -> tuple[Any, ...]:
     """The grid as the kernels take it; `space` is the head to keep out of where the grid itself has none."""
     space = grid.space if grid.space is not None else space
-    polar_scale, height = (space.polar_scale, space.height) if space is not None else (1.0, _NO_HEIGHT)
+    elevation, height = (elevation_table(space), space.height) if space is not None else (_NO_TABLE, _NO_HEIGHT)
     return (
-        grid.space is not None, float(polar_scale), height, grid.origin, 1.0 / grid.spacing, grid.shape, grid.blocks,
-        grid.directions.reshape(-1), grid.shift,
+        grid.space is not None, elevation, height, grid.origin, 1.0 / grid.spacing, grid.shape, grid.blocks,
+        grid.directions.reshape(-1), grid.shift, grid.strides,
     )  # fmt: skip
 
 

@@ -67,9 +67,11 @@ def measure_curl_radii(points: Floats, chord: float, radii: Floats) -> None:
         count = _chords(points[strand], arc * (1.0 - 1e-6), tangents) if total > 0.0 else 0
         before, after = np.empty(3), np.empty(3)
         turning = 0.0
-        for i in range(count - 2):
-            _rotation(tangents, i, before)
-            _rotation(tangents, i + 1, after)
+        if count > 1:
+            _rotation(tangents, 0, after)
+        for i in range(1, count - 1):
+            before[:] = after
+            _rotation(tangents, i, after)
             for axis in range(3):
                 turning += (0.5 * (before[axis] + after[axis])) ** 2
         radii[strand] = arc / math.sqrt(turning / (count - 2)) if turning > 0.0 else np.inf

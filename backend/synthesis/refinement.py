@@ -48,7 +48,7 @@ class RefineParams:
     """Settings of refine. Defaults live here only."""
 
     spacing: float = 0.02  # Delta_3D, edge of a cell: radians and head radii
-    step: float = 0.02  # delta, longest step of Euler's method, head radii
+    step: float = 0.02  # delta, step of Euler's method, head radii
     iterations: int = 2  # passes of eq. 9
     grid: GridKind = "auto"  # cells in scalp space, or in head space for draped hair
     blend: float = 0.5  # share of the field in a direction; 1: the field alone, as in the paper
@@ -79,10 +79,10 @@ PAPER = RefineParams(
 class RefineReport:
     """What refine did.
 
-    grid : 'scalp' or 'world'. spacing : of the cells, coarser than asked for where memory demanded it.
-X
-    protected : share of the strands that kept some of their shape as their curls are small.
-    ended : share of the strands that ended early (only without fill_gaps).
+        grid : 'scalp' or 'world'. spacing : of the cells, coarser than asked for where memory demanded it.
+    X
+        protected : share of the strands that kept some of their shape as their curls are small.
+        ended : share of the strands that ended early (only without fill_gaps).
     """
 
     grid: str
@@ -149,7 +149,7 @@ def choose_grid(points: Float32, space: ScalpSpace) -> GridKind:
 
     Close is where a radian of u or v covers less than `POLE_STRETCH` radians of direction; at the top it covers 2.
     """
-    some = points[:: max(1, len(points) // 4096)]
+    some = points[:: max(1, len(points) // 1024)]
     uv = space.to_scalp(some)[..., :2].reshape(-1, 2)
     close = (space.distortion(uv).stretch < POLE_STRETCH).any(axis=1)
     return "world" if close.mean() > POLE_SHARE else "scalp"
