@@ -82,7 +82,7 @@ def run(*, quick: bool = False) -> list[dict[str, Any]]:
     example = smooth_example(side, 16)
     out_mask = np.ones((side, side), np.bool_)
     size = f"{side}x{side}x16"
-    params = TextureParams()
+    params = TextureParams(seed=1)
     seconds = []
     for _ in range(3 if quick else 7):
         since = time.perf_counter()
@@ -91,9 +91,13 @@ def run(*, quick: bool = False) -> list[dict[str, Any]]:
     since = time.perf_counter()
     reference = plain(example.values, params.seed)
     plain_seconds = time.perf_counter() - since
-    ours, theirs = energy(result.map.values, example.values), energy(reference, example.values)
+    others = [synthesize_texture(example, out_mask, TextureParams(seed=seed)) for seed in (2, 3)]
+    ours = max(energy(each.map.values, example.values) for each in (result, *others))
+    theirs = energy(reference, example.values)
     target = None if quick else 1.5
-    scales = f"3 scales x windows {params.window_sizes}, {len(result.energies)} steps, energy {ours:.0f}"
+    scales = (
+        f"3 scales x windows {params.window_sizes}, {len(result.energies)} steps, energy {ours:.0f} (worst of 3 seeds)"
+    )
     peer = f"1 scale, window 8, up to 20 steps, energy {theirs:.0f}"
     return [
         {"size": size, "who": "hairloom", "seconds": min(seconds), "target": target, "note": scales},
