@@ -26,8 +26,9 @@ def compile_all(progress: Progress = NO_PROGRESS) -> int:
     rooted = place_roots(space, scatter_roots(head, head.scalp, 64, 0), 8)
     outward = np.zeros((64, 8, 3), np.float32)
     outward[:, :, 1] = np.linspace(0.0, 1.0, 8)
-    outward[:, :, 0] = 0.3 * outward[:, :, 1] ** 2
+    # strands that differ, and a threshold below their differences: wisps are split too
+    outward[:, :, 0] = np.linspace(0.2, 0.4, 64)[:, None] * outward[:, :, 1] ** 2
     strands, _ = clean_up(unroot_strands(rooted.with_points(outward), space), head)
-    params = SynthesisParams(n_samples=8, hierarchy=HierarchyParams(wisps=WispParams(n_wisps=16)))
+    params = SynthesisParams(n_samples=8, hierarchy=HierarchyParams(wisps=WispParams(n_wisps=16, error_threshold=1e-4)))
     synthesize(strands, head, params, progress=subrange(progress, 0.2, 1.0))
     return sum(bool(kernel.dispatcher.signatures) for kernel in KERNELS)
