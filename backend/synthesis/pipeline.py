@@ -11,8 +11,8 @@ from ..errors import require
 from ..geometry.roots import Roots, scatter_roots
 from ..geometry.scalp_space import ScalpSpace, fit_scalp_space, root_strands, unroot_strands
 from ..progress import NO_PROGRESS, Progress, subrange
-from ..types import Bools, FeatureMap, Float32, Float64, Head, Int32, RootedStrands, StrandSet, WispHierarchy
-from .features import FeatureBasis, feature_map, fit_features, sample_map
+from ..types import Bools, FeatureMap, Head, Int32, RootedStrands, StrandSet, WispHierarchy
+from .features import cells_around_roots, feature_map, fit_features, sample_map
 from .hierarchy import HierarchyParams, build_hierarchy
 from .refinement import RefineParams, RefineReport, refine
 from .texture import TextureParams, TextureResult, synthesize_texture
@@ -35,7 +35,7 @@ class SynthesisParams:
     n_features: int = 16  # n_f, PCA dimensions of the feature map
     map_spacing: float = 0.02  # Delta_2D, radians of (u, v)
     hierarchy: HierarchyParams = field(default_factory=HierarchyParams)
-    # hair hangs: a wisp of the nape on the brow is no hairstyle, so sources come from about the same place of the scalp.
+    # hair hangs: a wisp of the nape on the brow is no hairstyle, so sources come from about the same place
     # 0 is the paper's; 5 keeps the layout of a real groom (tip directions) with three quarters of the strands new.
     texture: TextureParams = field(default_factory=lambda: TextureParams(layout_weight=5.0))
     transfer: TransferParams = field(default_factory=TransferParams)
@@ -140,29 +140,11 @@ def synthesize_coarsest(
     """
     basis = fit_features(example.points, params.n_features)
     example_map = feature_map(example.uv, basis.encode(example.points), params.map_spacing)
-    origin, mask = _output_grid(roots.uv, params.map_spacing)
+    origin, mask = cells_around_roots(roots.uv, params.map_spacing)
     texture = synthesize_texture(
         example_map, mask, replace(params.texture, seed=params.seed), origin=origin, progress=progress
     )
-    return roots.with_points(_decode_at(basis, texture.map, roots.uv)), example_map, texture
-
-
-def _output_grid(uv: Float32, spacing: float) -> tuple[Float64, Bools]:
-    """Origin and mask of a grid that has a cell at, and around, every root."""
-    low = np.floor(uv.min(axis=0).astype(np.float64) / spacing) - 1
-    cells = np.rint(uv / spacing - low).astype(np.int64)
-    width, height = cells.max(axis=0) + 2
-    mask = np.zeros((height, width), np.bool_)
-    for dv in (-1, 0, 1):
-        for du in (-1, 0, 1):
-            mask[cells[:, 1] + dv, cells[:, 0] + du] = True
-    return low * spacing, mask
-
-
-def _decode_at(basis: FeatureBasis, features: FeatureMap, uv: Float32) -> Float32:
-    points = basis.decode(sample_map(features, uv))
-    points[:, 0] = 0.0  # the root frame's origin is the root; the PCA is exact there only up to rounding
-    return points
+    return roots.with_points(basis.decode(sample_map(texture.map, roots.uv))), example_map, texture
 
 
 def synthesize(
