@@ -34,5 +34,7 @@ def run(*, quick: bool = False) -> list[dict[str, Any]]:
             _seconds(warm, NUMBA_CACHE_DIR=cache)
         since = time.perf_counter()
         _seconds(warm, NUMBA_CACHE_DIR=cache)
-        rows.append({"size": "process start to end of a tiny synthesis, cached", "seconds": time.perf_counter() - since})
+        rows.append(
+            {"size": "process start to end of a tiny synthesis, cached", "seconds": time.perf_counter() - since}
+        )
     return [{"who": "hairloom", "target": None, "note": "", **row} for row in rows]

@@ -38,6 +38,12 @@ def run(*, quick: bool = False) -> list[dict[str, Any]]:
     total = sum(best["seconds"].values())
     note = f"peak memory {best['peak_memory_mb']} MB (target 3000); levels {best['levels']}; the paper: under 120 s"
     return [
-        {"size": f"{count} from 11400", "who": "hairloom", "seconds": total, "target": None if quick else 5.0, "note": note},
+        {
+            "size": f"{count} from 11400",
+            "who": "hairloom",
+            "seconds": total,
+            "target": None if quick else 5.0,
+            "note": note,
+        },
         *stages,
     ]
