@@ -79,7 +79,7 @@ def _follow(
             fx, fy, fz = unit_direction(a, b, c, origin, per_cell, shape, blocks, cells, shift, strides)
             if not fill_gaps and fx == ZERO and fy == ZERO and fz == ZERO:
                 line[i + 1, 0], line[i + 1, 1], line[i + 1, 2] = x, y, z
-                return i + 2
+                return i + 2 if part > 0 else i + 1
             dx, dy, dz = _blend(
                 sx / length, sy / length, sz / length, fx, fy, fz, weight, full_cosine, none_cosine
             )  # fmt: skip
