@@ -1,4 +1,4 @@
-"""The demo behind `python3 build_addon.py demo`: a new hairstyle from a starter groom, as .blend, strands and a picture."""
+"""What `python3 build_addon.py demo` runs: a new hairstyle from a starter groom, as .blend, strands and a picture."""
 
 from __future__ import annotations
 
@@ -57,7 +57,9 @@ def main() -> int:
         bpy.ops.wm.save_as_mainfile(filepath=str(options.out / "demo.blend"), compress=True)
         progress(1.0, "Done")
     print(f"New hairstyle of {result.strands.n_strands} strands from '{options.style}' ({strands.n_strands} strands).")
-    print(f"Copied strands: {style.copied_share:.1%}; mean distance of the statistics: {style.mean_distance:.2f} (0 = same).")
+    print(
+        f"Copied strands: {style.copied_share:.1%}. Distance of the statistics: {style.mean_distance:.2f} (0 is equal)."
+    )
     for name in ("input_and_output.png", "demo.blend", "new_hairstyle.npz", "new_hairstyle.hair"):
         print(f"  {options.out / name}")
     return 0

@@ -19,7 +19,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT / "docs"), str(ROOT / "blend_templates")]
 
-import bpy  # noqa: E402, F401, I001  before the modules that it brings
+import bpy  # noqa: E402, F401  before the modules that it brings
 import matplotlib  # noqa: E402
 
 matplotlib.use("Agg")
@@ -30,7 +30,6 @@ from hairloom.synthesis.baselines import synthesize_2d  # noqa: E402
 from hairloom.synthesis.pipeline import Example, SynthesisParams, analyze, synthesize_from  # noqa: E402
 from hairloom.synthesis.statistics import compare_styles  # noqa: E402
 from hairloom.types import FeatureMap, Head, RootedStrands, StrandSet  # noqa: E402
-
 from make_grooms import load_groom  # noqa: E402
 from render import RenderParams, render_strands, side_by_side  # noqa: E402
 
