@@ -51,9 +51,10 @@ def main() -> int:
         progress(0.95, "Writing the .blend")
         side_by_side(pictures, [f"input: {options.style}", "output"], options.out / "input_and_output.png")
         bpy.ops.wm.read_factory_settings(use_empty=True)
-        surface = add_head(head)
-        add_groom(strands, surface, f"{options.style} (input)").location.x = -0.3
-        add_groom(result.strands, surface, "new hairstyle")
+        for hair, name, place in ((strands, f"{options.style} (input)", -0.2), (result.strands, "new hairstyle", 0.2)):
+            surface = add_head(head)
+            add_groom(hair, surface, name)
+            surface.location.x = place  # the groom is its child
         bpy.ops.wm.save_as_mainfile(filepath=str(options.out / "demo.blend"), compress=True)
         progress(1.0, "Done")
     print(f"New hairstyle of {result.strands.n_strands} strands from '{options.style}' ({strands.n_strands} strands).")
