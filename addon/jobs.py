@@ -137,6 +137,7 @@ class JobOperator:
             shown.show(run)
             context.workspace.status_text_set(f"{run.label}: {run.message}  {run.fraction:.0%}   |   Esc: Cancel")
             redraw(context, "VIEW_3D")
+            redraw(context, "PREFERENCES")
 
     @reports_errors
     def _finish(self, context: bpy.types.Context) -> set[str]:
@@ -171,11 +172,19 @@ class JobOperator:
             context.workspace.status_text_set(None)
         status(context).clear()
         redraw(context, "VIEW_3D")
+        redraw(context, "PREFERENCES")
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Blender itself ends the operator: another file is opened, or the window closes."""
         self._running.run.cancel()
         self._end(context)
+
+
+def draw_progress(layout: bpy.types.UILayout, job: JobStatus) -> None:
+    """The running job's progress and a button that cancels it."""
+    row = layout.row(align=True)
+    row.progress(factor=job.fraction, text=f"{job.message}  {job.fraction:.0%}")
+    row.operator("hairloom.cancel_job", text="", icon="X")
 
 
 def redraw(context: bpy.types.Context, area_type: str) -> None:

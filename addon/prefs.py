@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import lazy, warmup
+from . import jobs, lazy, warmup
 
 
 class HairloomPreferences(bpy.types.AddonPreferences):
@@ -16,7 +16,10 @@ class HairloomPreferences(bpy.types.AddonPreferences):
         layout = self.layout
         box = layout.box()
         box.label(text="Compiled kernels", icon="MEMORY")
-        if warmup.is_running():
+        job = jobs.status(context)
+        if job.is_running and job.label == "Compile Kernels":
+            jobs.draw_progress(box, job)
+        elif warmup.is_running():
             fraction, message = warmup.progress()
             box.progress(factor=fraction, text=message)
         else:

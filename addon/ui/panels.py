@@ -8,6 +8,10 @@ import bpy
 
 from .. import jobs, scene
 from ..ops import show_wisps
+from ..ops.clean_up import HAIRLOOM_OT_clean_up
+from ..ops.cluster_wisps import HAIRLOOM_OT_cluster_wisps
+from ..ops.extract_centers import HAIRLOOM_OT_extract_centers
+from ..ops.synthesize import HAIRLOOM_OT_synthesize
 from .presets import HAIRLOOM_PT_synthesis_presets
 
 
@@ -31,6 +35,15 @@ def _draw_settings(column: bpy.types.UILayout, group: bpy.types.PropertyGroup, n
         column.prop(group, name)
 
 
+def _job_button(layout: bpy.types.UILayout, context: bpy.types.Context, icon: str, *operators: type) -> None:
+    """The button of the first operator; while a job of any of them runs, its progress in the same place."""
+    job = jobs.status(context)
+    if job.is_running and job.label in {operator.bl_label for operator in operators}:
+        jobs.draw_progress(layout, job)
+    else:
+        layout.operator(operators[0].bl_idname, icon=icon)
+
+
 def _hint(layout: bpy.types.UILayout, text: str) -> None:
     """A sentence that may be longer than the panel is wide, in lines of about its width."""
     box = layout.column(align=True)
@@ -43,27 +56,9 @@ def _hint(layout: bpy.types.UILayout, text: str) -> None:
         line = f"{line} {word}".strip()
 
 
-class HAIRLOOM_PT_job(HairloomPanel, bpy.types.Panel):
-    bl_label = "Job"
-    bl_options = {"HIDE_HEADER"}
-    bl_order = 0
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return jobs.status(context).is_running
-
-    def draw(self, context: bpy.types.Context) -> None:
-        job = jobs.status(context)
-        box = self.layout.box()
-        box.label(text=f"{job.label}: {job.message}", icon="SORTTIME")
-        row = box.row(align=True)
-        row.progress(factor=job.fraction, text=f"{job.fraction:.0%}")
-        row.operator("hairloom.cancel_job", text="", icon="X")
-
-
 class HAIRLOOM_PT_head(HairloomPanel, bpy.types.Panel):
     bl_label = "Head"
-    bl_order = 1
+    bl_order = 0
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, settings = self.layout, scene.settings(context)
@@ -83,7 +78,7 @@ class HAIRLOOM_PT_head(HairloomPanel, bpy.types.Panel):
 
 class HAIRLOOM_PT_groom(HairloomPanel, bpy.types.Panel):
     bl_label = "Groom"
-    bl_order = 2
+    bl_order = 1
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -113,12 +108,12 @@ class HAIRLOOM_PT_clean_up(HairloomPanel, bpy.types.Panel):
         column = _settings_column(self.layout)
         settings = scene.settings(context).clean_up
         _draw_settings(column, settings, settings.setting_names())
-        self.layout.operator("hairloom.clean_up", icon="BRUSH_DATA")
+        _job_button(self.layout, context, "BRUSH_DATA", HAIRLOOM_OT_clean_up)
 
 
 class HAIRLOOM_PT_wisps(HairloomPanel, bpy.types.Panel):
     bl_label = "Wisps"
-    bl_order = 3
+    bl_order = 2
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -127,7 +122,7 @@ class HAIRLOOM_PT_wisps(HairloomPanel, bpy.types.Panel):
         column.prop(hierarchy, "n_levels")
         column.prop(hierarchy.wisps, "n_wisps")
         column.prop(hierarchy.wisps, "error_threshold")
-        layout.operator("hairloom.cluster_wisps", icon="OUTLINER_OB_CURVES")
+        _job_button(layout, context, "OUTLINER_OB_CURVES", HAIRLOOM_OT_cluster_wisps, HAIRLOOM_OT_extract_centers)
         groom = scene.active_groom(context)
         if groom is None or "hairloom_wisp" not in groom.data.attributes:
             return
@@ -160,7 +155,7 @@ class HAIRLOOM_PT_wisps_more(HairloomPanel, bpy.types.Panel):
 
 class HAIRLOOM_PT_synthesis(HairloomPanel, bpy.types.Panel):
     bl_label = "Synthesis"
-    bl_order = 4
+    bl_order = 3
 
     def draw_header_preset(self, context: bpy.types.Context) -> None:
         HAIRLOOM_PT_synthesis_presets.draw_panel_header(self.layout)
@@ -174,9 +169,9 @@ class HAIRLOOM_PT_synthesis(HairloomPanel, bpy.types.Panel):
         if head is not None:
             column.prop_search(settings, "region_group", head, "vertex_groups", icon="GROUP_VERTEX")
         column.prop(synthesis, "seed")
-        button = layout.row()
+        button = layout.column()
         button.scale_y = 1.5
-        button.operator("hairloom.synthesize", icon="OUTLINER_DATA_CURVES")
+        _job_button(button, context, "OUTLINER_DATA_CURVES", HAIRLOOM_OT_synthesize)
         missing = scene.why_no_job(context)
         if missing and not jobs.status(context).is_running:
             _hint(layout, missing)
@@ -223,7 +218,7 @@ class HAIRLOOM_PT_refinement(HairloomPanel, bpy.types.Panel):
 
 register, unregister = bpy.utils.register_classes_factory(
     [
-        HAIRLOOM_PT_job, HAIRLOOM_PT_head, HAIRLOOM_PT_groom, HAIRLOOM_PT_clean_up, HAIRLOOM_PT_wisps,
+        HAIRLOOM_PT_head, HAIRLOOM_PT_groom, HAIRLOOM_PT_clean_up, HAIRLOOM_PT_wisps,
         HAIRLOOM_PT_wisps_more, HAIRLOOM_PT_synthesis, HAIRLOOM_PT_layout, HAIRLOOM_PT_details, HAIRLOOM_PT_refinement,
     ]
 )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import subprocess
 import sys
@@ -75,8 +76,10 @@ class User:
         """Look down the sidebar for the button of an operator; its place is `found`, with no pixel known beforehand."""
         region = self.region("UI")
         seen: list[str] = []
-        for y in range(region.y + region.height - 4, region.y, -7):
-            self.move(region.x + region.width * 0.5, y)
+        rows = range(region.y + region.height - 4, region.y, -7)
+        # the middle finds what is as wide as the panel, the second column the small buttons at its right end
+        for across, y in itertools.product((0.5, 0.82), rows):
+            self.move(region.x + region.width * across, y)
             yield 0.06
             text = self.hovered()
             seen.append(text)
