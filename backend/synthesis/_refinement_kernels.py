@@ -10,6 +10,8 @@ import numpy as np
 from ..kernels import device, parallel_kernel
 from ..types import Floats
 
+SHARP_TURN = 0.5 * math.pi
+
 
 @device
 def _chords(strand: Floats, chord: float, tangents: Floats) -> int:
@@ -72,6 +74,10 @@ def measure_curl_radii(points: Floats, chord: float, radii: Floats) -> None:
         for i in range(1, count - 1):
             before[:] = after
             _rotation(tangents, i, after)
+            together, alone = 0.0, 0.0
             for axis in range(3):
-                turning += (0.5 * (before[axis] + after[axis])) ** 2
+                together += (0.5 * (before[axis] + after[axis])) ** 2
+                alone += after[axis] ** 2
+            # beyond a right angle the axes of a tight curl's rotations scatter, and noise does not get there
+            turning += max(together, alone) if alone > SHARP_TURN**2 else together
         radii[strand] = arc / math.sqrt(turning / (count - 2)) if turning > 0.0 else np.inf

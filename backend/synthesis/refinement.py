@@ -161,7 +161,7 @@ def curl_weights(points: Float32, cell: float) -> Float64:
     points : (S, N, 3) float32; cell : edge, same unit.
     """
     radii = np.empty(len(points))
-    measure_curl_radii(np.ascontiguousarray(points, np.float32), 0.5 * cell, radii)
+    measure_curl_radii(np.ascontiguousarray(points, np.float32), 0.25 * cell, radii)
     share = np.clip((radii / cell - 1.0) / (CURL_FADE - 1.0), 0.0, 1.0)
     return np.asarray(share * share * (3.0 - 2.0 * share))
 
