@@ -176,10 +176,10 @@ def face_pull(points: Float64) -> Float64:
 
 def shoulder_pull(points: Float64, roots: Float64) -> Float64:
     """(n, 3): takes hair below the chin before or behind the shoulders, on which it would else pile up."""
-    aim = np.where(roots[:, 1] < 0.05, -0.6, 0.95)
+    aim = np.where(roots[:, 1] < 0.05, -0.3, 0.8)
     low = smoothstep(-0.6, -1.7, points[:, 2])
     pull = np.zeros_like(points)
-    pull[:, 1] = low * np.clip(1.6 * (aim - points[:, 1]), -1.2, 1.2)
+    pull[:, 1] = low * np.clip(aim - points[:, 1], -0.8, 0.8)
     return pull
 
 

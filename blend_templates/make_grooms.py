@@ -142,10 +142,9 @@ def write_head(head: Head) -> Path:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     surface = add_head(head)
     entry = Entry("Hairloom/Heads", "Plain head with a 'Scalp' vertex group and UVs", ("head", "scalp"))
-    bald = StrandSet(np.empty((0, 3), np.float32), np.zeros(1, np.int32))
     with tempfile.TemporaryDirectory() as folder:
         params = RenderParams(size=(PREVIEW_PIXELS, PREVIEW_PIXELS), samples=48)
-        mark_asset(surface, entry, render_strands(bald, head, Path(folder) / "preview.png", params))
+        mark_asset(surface, entry, render_strands([], head, Path(folder) / "preview.png", params))
     return save(HERE / "head.blend")
 
 
@@ -182,11 +181,9 @@ def main() -> int:
     parser.add_argument(
         "styles", nargs="*", metavar="STYLE", help=f"of {', '.join(ENTRIES)}; default: all, and the head"
     )
-    chosen = parser.parse_args().styles
+    chosen = parser.parse_args().styles or [*ENTRIES, "head"]
     head = default_head()
-    written = [write_groom(style, head) for style in chosen or ENTRIES]
-    if not chosen:
-        written.append(write_head(head))
+    written = [write_head(head) if style == "head" else write_groom(style, head) for style in chosen]
     for path in written:
         print(f"{path.stat().st_size / 1e6:6.2f} MB  {path.name}")
     return 0

@@ -53,9 +53,9 @@ STYLES: dict[str, Style] = {
         root_lift=0.8,
         thickness=0.2,
         wander=8.0,
-        coarse_wave=0.11,
+        coarse_wave=0.14,
         coarse_pitch=0.95,
-        curl_start=1.2,
+        curl_start=0.9,
         coarse_wisps=110,
         wisps=1000,
         coarse_clump=0.6,
@@ -87,7 +87,7 @@ STYLES: dict[str, Style] = {
         clump=0.93,
         clump_power=0.4,
         frizz=0.014,
-        melanin=0.68,
+        melanin=0.52,
         redness=0.4,
     ),
     "spiky": Style(
@@ -137,7 +137,7 @@ STYLES: dict[str, Style] = {
         clump=0.5,
         frizz=0.05,
         flyaways=0.06,
-        melanin=0.85,
+        melanin=0.75,
         redness=0.3,
     ),
     "bob": Style(
@@ -359,13 +359,13 @@ def _add_detail(
 
 
 def _keep_outside(collider: Collider, strands: Float64) -> Float64:
-    """Push strands out of the head; in two rounds, because making the pushed strands' steps even moves points again.
+    """Push strands out of the head, again after making their steps even, which moves points.
 
     A strand that the head tears apart, its one part on this side and its other on that, ends where it tears.
     """
     count, n_points = strands.shape[:2]
     lengths = arc_lengths(strands)[:, -1]
-    for _ in range(2):
+    for _ in range(3):
         strands = resample_to(strands, lengths, n_points)
         soft = np.minimum(0.03, 0.5 * arc_lengths(strands)).ravel()
         strands = collider.push_out(strands.reshape(-1, 3), soft).reshape(count, n_points, 3)
@@ -374,7 +374,7 @@ def _keep_outside(collider: Collider, strands: Float64) -> Float64:
         torn = steps > TEAR * np.median(steps, axis=1, keepdims=True)
         last = np.where(torn.any(axis=1), np.maximum(torn.argmax(axis=1), 1), n_points - 1)
         lengths = arcs[np.arange(count), last]
-    return resample_to(strands, lengths, n_points)
+    return strands
 
 
 def _as_strand_set(

@@ -80,7 +80,7 @@ def render_strands(
 
     Parameters
     ----------
-    strands : world space, metres; or several sets, each with its one colour (3,), linear RGB.
+    strands : world space, metres; or several sets, each with its one colour (3,), linear RGB; or none, [].
     head : drawn in plain grey; None for none.
     colours : (S, 3) linear RGB in [0, 1], a colour per strand (for showing wisps); only with a single StrandSet.
     frame_on : (M, 3), the points that the picture has to hold; by default the head's and the strands'. Give the same
@@ -94,7 +94,8 @@ def render_strands(
             if not params.hide_head:
                 _add_head(scene, head)
         for hair, strand_colours in coloured:
-            _add_strands(scene, hair, strand_colours, params)
+            if hair.n_strands:  # Cycles crashes on a Curves object without curves
+                _add_strands(scene, hair, strand_colours, params)
         points = np.concatenate(everything) if frame_on is None else np.asarray(frame_on)
         _add_camera_and_lights(scene, points, params)
         return _render(scene, Path(path))
@@ -209,7 +210,8 @@ def head_material(name: str) -> Any:
     nodes = _plain_nodes(material)
     links = material.node_tree.links
     shader = nodes["Principled BSDF"]
-    shader.inputs["Roughness"].default_value = 0.6
+    shader.inputs["Roughness"].default_value = 0.75
+    shader.inputs["Specular IOR Level"].default_value = 0.2
     scalp = nodes.new("ShaderNodeAttribute")
     scalp.attribute_name = SCALP_SHADE
     scalp.location = (-500.0, 200.0)
