@@ -220,5 +220,8 @@ def _refine_level(
         return strands, None
     timer("refine")
     finer = example.hierarchy.n_levels - 1 - level
-    settings = replace(params.refine, spacing=params.refine.spacing / 2**finer, seed=params.seed)
+    spacing = params.refine.spacing / 2**finer
+    # a step over more than two cells skips what the finer field says, and raises the spread instead of lowering it
+    step = min(params.refine.step, 2 * spacing)
+    settings = replace(params.refine, spacing=spacing, step=step, seed=params.seed)
     return refine(strands, example.space, settings, example=example.hierarchy.levels[level])
