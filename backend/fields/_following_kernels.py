@@ -47,7 +47,7 @@ def _blend(
 def _push_out(
     x: float, y: float, z: float, w: float, own: Floats, i: int, share: float, clearance: float, elevation: Floats,
     height: Floats,
-) -> float:  # fmt: skip
+) -> Any:  # fmt: skip
     """How much farther from the centre (x, y, z) at height w must be; not above the strand's own height there."""
     ox = own[i, 0] + share * (own[i + 1, 0] - own[i, 0])
     oy = own[i, 1] + share * (own[i + 1, 1] - own[i, 1])

@@ -8,6 +8,7 @@ Coordinates are (S, N, 3) in the space of the grid; segment i of strand s has th
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numba
 import numpy as np
@@ -23,7 +24,7 @@ N_PARTITIONS = 64  # fixed, so that the work is dealt out alike for any number o
 
 
 @device
-def _jumps(coordinates: Floats, strand: int, i: int, jump: float) -> bool:
+def _jumps(coordinates: Floats, strand: int, i: int, jump: float) -> Any:
     """Whether segment i spans more of the scalp coordinates than a short segment can: it passes the singularity."""
     across_u = abs(coordinates[strand, i + 1, 0] - coordinates[strand, i, 0])
     across_v = abs(coordinates[strand, i + 1, 1] - coordinates[strand, i, 1])
@@ -202,10 +203,10 @@ def _add_segments(
 
 
 @device
-def _line(a: float, b: float, per_cell: float, corner: float) -> tuple[float, float, float]:
+def _line(a: Any, b: Any, per_cell: float, corner: float) -> tuple[Any, Any, Any]:
     """Along one axis, in cells of the block: a segment's start, its extent (never 0) and 1 / extent."""
-    start = np.float64(a) * per_cell - corner
-    extent = np.float64(b) * per_cell - corner - start
+    start: Any = np.float64(a) * per_cell - corner
+    extent: Any = np.float64(b) * per_cell - corner - start
     if abs(extent) < 1e-12:
         extent = 1e-12
     return start, extent, 1.0 / extent

@@ -52,7 +52,7 @@ def map_to_cells(points: Floats, elevation: Floats, height: Floats, coordinates:
 @inlined_device
 def mean_direction(
     x: float, y: float, z: float, shape: Any, blocks: Int32, cells: Floats, shift: int, strides: Any
-) -> tuple[float, float, float]:
+) -> tuple[Any, Any, Any]:
     """The trilinear mean of the 8 cells around (x, y, z); cells outside the grid count as 0.
 
     x, y, z : in cells, 0 at the centre of the first one.
@@ -87,7 +87,7 @@ def mean_direction(
 def unit_direction(
     a: float, b: float, c: float, origin: Floats, per_cell: float, shape: Any, blocks: Int32, cells: Floats,
     shift: int, strides: Any,
-) -> tuple[float, float, float]:  # fmt: skip
+) -> tuple[Any, Any, Any]:  # fmt: skip
     """The unit direction at (a, b, c) in the space of the grid; 0 where the cells around have none."""
     x, y, z = (a - origin[0]) * per_cell - 0.5, (b - origin[1]) * per_cell - 0.5, (c - origin[2]) * per_cell - 0.5
     vx, vy, vz = mean_direction(x, y, z, shape, blocks, cells, shift, strides)
@@ -102,7 +102,7 @@ def unit_direction(
 def _across_blocks(
     i: int, j: int, k: int, fx: float, fy: float, fz: float, shape: Any, blocks: Int32, cells: Floats, shift: int,
     strides: Any,
-) -> tuple[float, float, float]:  # fmt: skip
+) -> tuple[Any, Any, Any]:  # fmt: skip
     """The trilinear mean where the first of the 8 cells lies in no block, or some lie outside the grid."""
     mask = (1 << shift) - 1
     vx = vy = vz = ZERO

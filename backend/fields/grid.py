@@ -61,7 +61,7 @@ class DirectionGrid:
     def dense(self) -> Float32:
         """(X, Y, Z, 3) float32, all cells; for tests and small grids."""
         if self.shift == DENSE_SHIFT:
-            return self.directions[0]
+            return np.asarray(self.directions[0])
         side = 1 << self.shift
         stored = np.concatenate(
             [self.directions[:, :side, :side, :side], np.zeros((1, side, side, side, 3), np.float32)]
@@ -178,7 +178,7 @@ def elevation_table(space: ScalpSpace, size: int = 4097) -> Float64:
     half = 0.5 * np.array([remap_polar(angle, space.polar_scale) for angle in theta])
     rise = np.sin(theta) / np.tan(np.maximum(half, 1e-12))
     rise[-1] = 2.0 / space.polar_scale  # the limit at the top
-    return np.maximum(rise, 0.0)
+    return np.asarray(np.maximum(rise, 0.0))
 
 
 def _sorted_runs(coordinates: Float32, spacing: float, jump: float, max_blocks: int) -> _Runs:
