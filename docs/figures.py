@@ -1,6 +1,6 @@
 """Redo the figures of Wang et al. 2009 on our starter grooms: `python docs/figures.py [fig1 fig3 fig4 fig6 fig8]`.
 
-Writes docs/pictures/*.png and docs/figures.json with the numbers beside them. Needs bpy and matplotlib (extra `docs`);
+Writes docs/pictures/*.png, docs/figures.json with the numbers, and the page docs/figures.md. Needs bpy and matplotlib (extra `docs`);
 about fifteen minutes on two cores.
 """
 
@@ -180,6 +180,52 @@ FIGURES: dict[str, Callable[[], dict[str, Any]]] = {
 }  # fmt: skip
 
 
+def table(rows: dict[str, dict[str, Any]]) -> list[str]:
+    """Markdown table of style reports."""
+    columns = ("length", "curvature", "torsion", "tip_direction", "wisp_size", "copied_share")
+    lines = ["| | " + " | ".join(c.replace("_", " ") for c in columns) + " |", "|---|" + "---|" * len(columns)]
+    lines += [f"| {name} | " + " | ".join(f"{row[c]:.2f}" for c in columns) + " |" for name, row in rows.items()]
+    return lines
+
+
+def write_page(numbers: dict[str, Any]) -> None:
+    """docs/figures.md: the pictures with the numbers measured with them."""
+    lines = ["# The paper's figures on our grooms", "", "Made by `python docs/figures.py`; no user interaction.", ""]
+    lines += [
+        "Distances between input and output are Kolmogorov-Smirnov statistics (0 equal, 1 no overlap). The copied"
+    ]
+    lines += [
+        "share is that of output strands closer to the most similar input strand at the same root than that one is"
+    ]
+    lines += ["to its own nearest neighbour.", ""]
+    if "fig1" in numbers:
+        lines += ["## Fig. 1: the stages", "", f"Strands per level: {numbers['fig1']['levels']}.", ""]
+        lines += ["![stages](pictures/fig1_pipeline.png)", ""]
+    if "fig3" in numbers:
+        n = numbers["fig3"]
+        lines += ["## Fig. 3: energy of the adaptive clustering", ""]
+        lines += [
+            f"From {n['first']:.4g} to {n['last']:.4g} with {n['wisps']} wisps; red: numbers of wisps at splits.",
+            "",
+        ]
+        lines += ["![energy](pictures/fig3_energy.png)", ""]
+    if "fig4" in numbers:
+        lines += [
+            "## Fig. 4: the vector field",
+            "",
+            "Local angular spread of tangents, degrees, coarsest level first: ",
+        ]
+        lines += [
+            ", ".join(f"{r['spread_before']:.2f} to {r['spread_after']:.2f}" for r in numbers["fig4"]["refinement"])
+        ]
+        lines += ["", "![refinement](pictures/fig4_refinement.png)", ""]
+    if "fig6" in numbers:
+        lines += ["## Fig. 6: four pairs", "", *table(numbers["fig6"]), "", "![pairs](pictures/fig6_pairs.png)", ""]
+    if "fig8" in numbers:
+        lines += ["## Fig. 8: against 2D synthesis", "", *table(numbers["fig8"]), "", "![2D](pictures/fig8_2d.png)", ""]
+    (ROOT / "docs" / "figures.md").write_text("\n".join(lines), encoding="utf-8")
+
+
 def main() -> int:
     PICTURES.mkdir(exist_ok=True)
     numbers = json.loads(NUMBERS.read_text()) if NUMBERS.exists() else {}
@@ -187,6 +233,7 @@ def main() -> int:
         print(f"{name}: {FIGURES[name].__doc__}", flush=True)
         numbers[name] = FIGURES[name]()
         NUMBERS.write_text(json.dumps(numbers, indent=1) + "\n")
+    write_page(numbers)
     return 0
 
 
