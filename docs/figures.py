@@ -1,7 +1,7 @@
 """Redo the figures of Wang et al. 2009 on our starter grooms: `python docs/figures.py [fig1 fig3 fig4 fig6 fig8]`.
 
-Writes docs/pictures/*.png, docs/figures.json with the numbers, and the page docs/figures.md. Needs bpy and matplotlib (extra `docs`);
-about fifteen minutes on two cores.
+Writes docs/pictures/*.png, docs/figures.json with the numbers, and the page docs/figures.md. Needs bpy and matplotlib
+(extra `docs`); about fifteen minutes on two cores.
 """
 
 from __future__ import annotations
