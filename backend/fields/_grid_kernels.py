@@ -232,23 +232,21 @@ def _enter(start: float, extent: float, inverse: float, t: float) -> tuple[int, 
 @parallel_kernel
 def average_blocks(
     points: Floats, coordinates: Floats, per_cell: float, corners: Int32, starts: Int32, ends: Int32, spans: Int32,
-    iterations: int, directions: Floats, coherence: Floats,
+    shares: Int32, iterations: int, directions: Floats, coherence: Floats,
 ) -> None:  # fmt: skip
     """Eq. 9 in every block, all passes while the block is in the cache.
 
     points, coordinates : (P, 3) flat views. corners (B, 3): first cell of each block; starts, ends (B,): its runs in
-    spans (R, 2). Filled: directions (B, 9, 9, 9, 3) up to the last layers, unless it is empty; coherence (B, 3): sum
-    over the cells of |sum of tangents times length| and of the length in the first pass, and the cells that have a
-    direction.
+    spans (R, 2); shares (65,): the first block of each partition. Filled: directions (B, 9, 9, 9, 3) up to the last
+    layers, unless it is empty; coherence (B, 3): sum over the cells of |sum of tangents times length| and of the
+    length in the first pass, and the cells that have a direction.
     """
-    n_blocks = len(corners)
     for partition in numba.prange(N_PARTITIONS):
         mean = np.empty((BLOCK_CELLS, 3))
         sums = np.empty((BLOCK_CELLS, 3))
         lengths = np.empty(BLOCK_CELLS)
         corner = np.empty(3)
-        # every 64th block: neighbours are about equally busy, so the threads get about equal shares
-        for block in range(partition, n_blocks, N_PARTITIONS):
+        for block in range(shares[partition], shares[partition + 1]):
             for axis in range(3):
                 corner[axis] = corners[block, axis]
             for iteration in range(iterations):

@@ -16,7 +16,7 @@ from ..errors import require
 from ..geometry._scalp_space_kernels import remap_polar
 from ..geometry.scalp_space import ScalpSpace
 from ..types import Float32, Float64, Floats, Int32
-from ._grid_kernels import SHIFT, SIDE, average_blocks, count_runs, emit_runs, fill_margins, sort_runs
+from ._grid_kernels import N_PARTITIONS, SHIFT, SIDE, average_blocks, count_runs, emit_runs, fill_margins, sort_runs
 from ._lookup_kernels import map_to_cells
 
 Int64 = NDArray[np.int64]
@@ -218,9 +218,13 @@ def _average(
     starts = np.concatenate([[0], runs.ends[:-1]])[::every]
     coherence = np.zeros((len(starts), 3))
     flat = np.ascontiguousarray(points, dtype=np.float32).reshape(-1, 3)
-    corners = (runs.places[::every] + runs.low) * SIDE
+    ends = runs.ends[::every]
+    # blocks with about as many runs to each partition, neighbours together: they share strands
+    n_runs = np.concatenate([[0], np.cumsum(ends - starts)])
+    shares = np.searchsorted(n_runs, n_runs[-1] * np.arange(N_PARTITIONS + 1) // N_PARTITIONS)
+    shares[-1] = len(starts)
     average_blocks(
-        flat, coordinates.reshape(-1, 3), 1.0 / runs.spacing, corners, starts, runs.ends[::every], runs.spans,
-        iterations, directions, coherence,
+        flat, coordinates.reshape(-1, 3), 1.0 / runs.spacing, (runs.places[::every] + runs.low) * SIDE, starts, ends,
+        runs.spans, shares, iterations, directions, coherence,
     )  # fmt: skip
     return coherence

@@ -121,14 +121,15 @@ def refine(
     require(strands.n_points >= 2, "strands of one point have no direction; resample them first")
     progress(0.0, "Averaging directions")
     own = strands.in_head_space()
-    spread_before = tangent_spread(own, params.spacing)
     kind = params.grid if params.grid != "auto" else choose_grid(own, space)
     grid = build_direction_grid(own, space if kind == "scalp" else None, params.spacing, iterations=params.iterations)
+    cell = _cell_size(grid)
+    spread_before = tangent_spread(own, cell)
     progress(0.5, "Tracing strands")
     weights = np.full(strands.n_strands, params.blend)
     shares = np.ones(strands.n_strands)
     if params.protect_curls:
-        shares = curl_weights(own, _cell_size(grid))
+        shares = curl_weights(own, cell)
     if not params.keep_length and example is not None:
         own = _with_example_lengths(own, strands, example, params.seed)
     points, counts = follow(
@@ -138,7 +139,7 @@ def refine(
     progress(0.9, "Measuring the spread of directions")
     report = RefineReport(
         kind, grid.spacing, grid.n_cells, math.degrees(spread_before),
-        math.degrees(tangent_spread(points, params.spacing)), float((shares < 1.0).mean()),
+        math.degrees(tangent_spread(points, cell)), float((shares < 1.0).mean()),
         float((counts < strands.n_points).mean()),
     )  # fmt: skip
     return strands.with_points(_in_root_frames(points, strands)), report
