@@ -167,7 +167,7 @@ class RefineSettings(ParamsGroup, bpy.types.PropertyGroup):
         ),
     )  # fmt: skip
     blend: FloatProperty(
-        name="Strength", default=0.5, min=0.0, max=1.0, precision=2, subtype="FACTOR",
+        name="Strength", default=0.25, min=0.0, max=1.0, precision=2, subtype="FACTOR",
         description="Share of the flow in a strand's direction: 0 leaves strands as they are, 1 follows the flow alone",
     )  # fmt: skip
     angle_limit_deg: FloatProperty(
@@ -262,6 +262,10 @@ class SynthesisSettings(ParamsGroup, bpy.types.PropertyGroup):
     map_spacing: FloatProperty(
         name="Map Spacing", default=0.02, min=0.002, soft_min=0.01, soft_max=0.1, max=0.5, precision=3, step=0.1,
         description="Cell size of the feature map over the scalp, in radians; the head spans about 1.6",
+    )  # fmt: skip
+    sharpness: FloatProperty(
+        name="Sharpness", default=1.0, min=0.0, max=1.0, precision=2, subtype="FACTOR",
+        description="Share of real example strands in the coarsest level; 0 rebuilds strands from the map alone",
     )  # fmt: skip
     hierarchy: PointerProperty(type=HierarchySettings)
     texture: PointerProperty(type=TextureSettings)

@@ -185,7 +185,7 @@ class HAIRLOOM_PT_layout(HairloomPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         synthesis = scene.settings(context).synthesis
         column = _settings_column(self.layout)
-        _draw_settings(column, synthesis, ("n_samples", "n_features", "map_spacing"))
+        _draw_settings(column, synthesis, ("n_samples", "n_features", "map_spacing", "sharpness"))
         column.separator()
         _draw_settings(column, synthesis.texture, synthesis.texture.setting_names())
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ..errors import require
 from ..geometry.roots import Roots, scatter_roots
@@ -37,13 +38,15 @@ class SynthesisParams:
     n_features: int = 16  # n_f, PCA dimensions of the feature map
     map_spacing: float = 0.02  # Delta_2D, radians of (u, v)
     hierarchy: HierarchyParams = field(default_factory=HierarchyParams)
-    # hair hangs: a wisp of the nape on the brow is no hairstyle, so sources come from about the same place
+    # hair hangs: a wisp of the nape on the brow is no hairstyle, so sources come from about the same place;
     # 0 is the paper's; 5 keeps the layout of a real groom (tip directions) with three quarters of the strands new.
     texture: TextureParams = field(default_factory=lambda: TextureParams(layout_weight=5.0))
+    # share of the most similar example strand in a coarsest strand; 0, the paper's reconstruction from the map alone,
+    # loses length and curls (curly hair: a third of its length), as the map averages neighbours and truncates the PCA
+    sharpness: float = 1.0
     transfer: TransferParams = field(default_factory=TransferParams)
-    refine: RefineParams = field(
-        default_factory=RefineParams
-    )  # spacing is the coarsest level's, halved per finer level
+    # spacing is the coarsest level's, halved per finer level; a blend of 1, the paper's, straightens waves and curls
+    refine: RefineParams = field(default_factory=lambda: RefineParams(blend=0.25))
     use_refinement: bool = True
     seed: int = 0
 
@@ -51,6 +54,7 @@ class SynthesisParams:
         require(0 <= self.n_strands <= 2_000_000, f"n_strands is {self.n_strands}; it must be in 0..2000000")
         require(4 <= self.n_samples <= 512, f"n_samples is {self.n_samples}; it must be in 4..512")
         require(1 <= self.n_features <= 256, f"n_features is {self.n_features}; it must be in 1..256")
+        require(0 <= self.sharpness <= 1, f"sharpness is {self.sharpness}; it must be in 0..1")
         require(0.002 <= self.map_spacing <= 0.5, f"map_spacing is {self.map_spacing}; it must be in 0.002..0.5")
 
 
@@ -136,17 +140,24 @@ def synthesize_coarsest(
 ) -> tuple[RootedStrands, FeatureMap, TextureResult]:
     """The coarsest output level by 2D texture synthesis of PCA features (sec. 5.1; W-16 to W-20).
 
+    Each root takes the spatially closest vector of the synthesised map; its strand is the vector's own and that of the
+    example strand with the most similar features, in the shares of `params.sharpness` (0: the paper).
+
     Returns
     -------
     strands at `roots`; the example's feature map; the synthesised map with its energies.
     """
     basis = fit_features(example.points, params.n_features)
-    example_map = feature_map(example.uv, basis.encode(example.points), params.map_spacing)
+    features = basis.encode(example.points)
+    example_map = feature_map(example.uv, features, params.map_spacing)
     origin, mask = cells_around_roots(roots.uv, params.map_spacing)
     texture = synthesize_texture(
         example_map, mask, replace(params.texture, seed=params.seed), origin=origin, progress=progress
     )
-    return roots.with_points(basis.decode(sample_map(texture.map, roots.uv))), example_map, texture
+    wanted = sample_map(texture.map, roots.uv)
+    similar = example.points[cKDTree(features).query(wanted)[1]]
+    share = np.float32(params.sharpness)
+    return roots.with_points((1 - share) * basis.decode(wanted) + share * similar), example_map, texture
 
 
 def synthesize(

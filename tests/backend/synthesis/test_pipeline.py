@@ -16,6 +16,7 @@ from hairloom.synthesis.pipeline import (
     place_roots,
     region_area,
     synthesize,
+    synthesize_coarsest,
     synthesize_from,
 )
 from hairloom.synthesis.wisps import WispParams
@@ -142,3 +143,15 @@ def test_bad_input_is_refused(head, example):
     few = groom(head, 30)
     with pytest.raises(InputError, match="30"):
         synthesize(few, head, PARAMS)
+
+
+def test_sharp_coarsest_strands_are_those_of_the_example(head, example):
+    coarsest = example.hierarchy.levels[-1]
+    roots = place_roots(example.space, scatter_roots(head, head.scalp, 50, 9), PARAMS.n_samples)
+    sharp, _, _ = synthesize_coarsest(coarsest, roots, PARAMS)
+    soft, _, _ = synthesize_coarsest(coarsest, roots, replace(PARAMS, sharpness=0.0))
+    half, _, _ = synthesize_coarsest(coarsest, roots, replace(PARAMS, sharpness=0.5))
+    distances = np.abs(sharp.points[:, None] - coarsest.points[None]).max(axis=(2, 3)).min(axis=1)
+    assert distances.max() == 0
+    np.testing.assert_allclose(half.points, (sharp.points + soft.points) / 2, atol=1e-6)
+    assert (soft.points[:, 0] == 0).all()
