@@ -17,6 +17,12 @@ OUT = Path(os.environ.get("HAIRLOOM_GUI_OUT", "."))
 Steps = Generator["float | Steps", None, None]
 
 
+def save_screen(name: str) -> None:
+    path = OUT / f"{name}.png"
+    subprocess.run(["import", "-window", "root", path], check=True)
+    print(f"picture {path}", flush=True)
+
+
 class User:
     """Mouse, keyboard and eyes on Blender's first window. Pixels count from the window's lower left corner."""
 
@@ -74,6 +80,7 @@ class User:
 
     def find_button(self, command: str) -> Steps:
         """Look down the sidebar for the button of an operator; its place is `found`, with no pixel known beforehand."""
+        yield self.into_view()
         region = self.region("UI")
         seen: list[str] = []
         rows = range(region.y + region.height - 4, region.y, -7)
@@ -83,7 +90,10 @@ class User:
             yield 0.06
             text = self.hovered()
             seen.append(text)
-            if command in text:
+            if command not in text:
+                continue
+            yield 0.5
+            if command in self.hovered():  # still so once Blender has taken in every move
                 self.found = (self.place[0], y - 3)
                 return
         raise AssertionError(f"no button {command} in the sidebar; there are {sorted(set(seen))}")
@@ -104,9 +114,7 @@ class User:
         for area in self.window.screen.areas:
             area.tag_redraw()
         yield 2.0
-        path = OUT / f"{name}.png"
-        subprocess.run(["import", "-window", "root", path], check=True)
-        print(f"picture {path}", flush=True)
+        save_screen(name)
         yield 0.1
 
 
@@ -135,6 +143,7 @@ def run(test: Callable[[User], Steps], limit_seconds: float) -> None:
                     stack.append(step)
         except BaseException:  # noqa: BLE001  whatever it is, it must become an exit status: Blender would just go on
             traceback.print_exc()
+            save_screen("failed")
             leave(1)
         print(f"done in {time.monotonic() - start:.0f} s", flush=True)
         leave(0)
