@@ -3,8 +3,8 @@
     python tests/gui/run.py BLENDER
 
 Builds the zip for that Blender (or takes the one in HAIRLOOM_ZIP), installs it in a scratch user folder and runs
-`session.py` in a window with simulated events. Screenshots are kept in tests/gui/out/; docs/pictures/panel.png is a copy of synthesized.png. Without a screen of its own, the
-Blender must bring a virtual one, as shared/tools/blender-gui does.
+`session.py` in a window with simulated events. Screenshots are kept in tests/gui/out/; docs/pictures/panel.png is a
+copy of synthesized.png. Without a screen of its own, the Blender must bring one, as shared/tools/blender-gui does.
 """
 
 from __future__ import annotations
