@@ -16,7 +16,7 @@ import numpy as np
 from ..kernels import device, parallel_kernel
 from ..types import Floats, Int32
 from ._lookup_kernels import ZERO, scalp_coordinates, unit_direction
-from ._tracing_kernels import N_PARTITIONS, respace
+from ._tracing_kernels import N_PARTITIONS, copy_rows, respace
 
 
 @device
@@ -102,11 +102,33 @@ def _follow(
     return len(own)
 
 
+@device
+def _redraw(
+    own: Floats, weight: float, step: float, full_cosine: float, none_cosine: float, clearance: float, above: float,
+    fill_gaps: bool, is_scalp: bool, elevation: Floats, height: Floats, origin: Floats, per_cell: float, shape: Any,
+    blocks: Int32, cells: Floats, shift: int, strides: Any, line: Floats, points: Floats,
+) -> Any:  # fmt: skip
+    """Fill points (N, 3), using line (N, 3) of float64; returns how many points the strand had before it ended."""
+    if weight <= 0.0:
+        copy_rows(own, points)
+        return len(own)
+    count = _follow(
+        own, weight, step, full_cosine, none_cosine, clearance, above, fill_gaps, is_scalp, elevation, height, origin,
+        per_cell, shape, blocks, cells, shift, strides, line,
+    )  # fmt: skip
+    if count < len(own):
+        respace(line, count, points)
+    else:
+        copy_rows(line, points)
+    return count
+
+
 @parallel_kernel
 def follow_strands(
     own: Floats, weights: Floats, step: float, full_cosine: float, none_cosine: float, clearance: float,
     above: float, fill_gaps: bool, order: Int32, is_scalp: bool, elevation: Floats, height: Floats, origin: Floats,
-    per_cell: float, shape: Any, blocks: Int32, cells: Floats, shift: int, strides: Any, points: Floats, counts: Int32,
+    per_cell: float, shape: Any, blocks: Int32, cells: Floats, shift: int, strides: Any, points: Floats,
+    counts: Int32,
 ) -> None:  # fmt: skip
     """points (S, N, 3) of the strands own (S, N, 3) redrawn along the field; counts (S,): points before it ended.
 
@@ -117,21 +139,7 @@ def follow_strands(
         line = np.empty((n_points, 3))
         for rank in range(partition * n_strands // N_PARTITIONS, (partition + 1) * n_strands // N_PARTITIONS):
             strand = order[rank]
-            counts[strand] = n_points
-            if weights[strand] <= 0.0:
-                points[strand] = own[strand]
-                continue
-            count = _follow(
+            counts[strand] = _redraw(
                 own[strand], weights[strand], step, full_cosine, none_cosine, clearance, above, fill_gaps, is_scalp,
-                elevation, height, origin, per_cell, shape, blocks, cells, shift, strides, line,
+                elevation, height, origin, per_cell, shape, blocks, cells, shift, strides, line, points[strand],
             )  # fmt: skip
-            counts[strand] = count
-            if count < n_points:
-                respace(line, count, points[strand])
-            else:
-                for i in range(n_points):
-                    points[strand, i, 0], points[strand, i, 1], points[strand, i, 2] = (
-                        line[i, 0],
-                        line[i, 1],
-                        line[i, 2],
-                    )

@@ -158,7 +158,7 @@ def _add_segments(
 
     points, coordinates : (P, 3) flat views. corner (3,): the block's first cell. sums (512, 3), lengths (512,) grow.
     """
-    corner_x, corner_y, corner_z = corner[0], corner[1], corner[2]
+    corner_x, corner_y, corner_z = float(corner[0]), float(corner[1]), float(corner[2])
     for run in range(first, last):
         for segment in range(spans[run, 0], spans[run, 1] + 1):
             step_x = np.float64(points[segment + 1, 0]) - np.float64(points[segment, 0])
@@ -229,6 +229,42 @@ def _enter(start: float, extent: float, inverse: float, t: float) -> tuple[int, 
     return cell, -1, (cell - start) * inverse, -inverse
 
 
+@device
+def _clear(sums: Floats, lengths: Floats) -> None:
+    for cell in range(BLOCK_CELLS):
+        sums[cell, 0], sums[cell, 1], sums[cell, 2], lengths[cell] = 0.0, 0.0, 0.0, 0.0
+
+
+@device
+def _normalise(sums: Floats, lengths: Floats, mean: Floats, coherence: Floats, is_first: bool) -> None:
+    """mean (512, 3): the direction of each cell's sum. Add up the coherence (see average_blocks) of the block."""
+    coherence[2] = 0.0
+    for cell in range(BLOCK_CELLS):
+        x, y, z = sums[cell, 0], sums[cell, 1], sums[cell, 2]
+        size = math.sqrt(x * x + y * y + z * z) if lengths[cell] > 0.0 else 0.0
+        if is_first:
+            coherence[0] += size
+            coherence[1] += lengths[cell]
+        # tangents that cancel out leave rounding errors, which are no direction
+        if size > 1e-9 * lengths[cell]:
+            scale = 1.0 / size
+            mean[cell, 0], mean[cell, 1], mean[cell, 2] = x * scale, y * scale, z * scale
+            coherence[2] += 1.0
+        else:
+            mean[cell, 0], mean[cell, 1], mean[cell, 2] = 0.0, 0.0, 0.0
+
+
+@device
+def _store(mean: Floats, directions: Floats) -> None:
+    """Copy mean (512, 3) into directions (9, 9, 9, 3)."""
+    for i in range(SIDE):
+        for j in range(SIDE):
+            for k in range(SIDE):
+                cell = (i * SIDE + j) * SIDE + k
+                for axis in range(3):
+                    directions[i, j, k, axis] = mean[cell, axis]
+
+
 @parallel_kernel
 def average_blocks(
     points: Floats, coordinates: Floats, per_cell: float, corners: Int32, starts: Int32, ends: Int32, spans: Int32,
@@ -245,48 +281,29 @@ def average_blocks(
         mean = np.empty((BLOCK_CELLS, 3))
         sums = np.empty((BLOCK_CELLS, 3))
         lengths = np.empty(BLOCK_CELLS)
-        corner = np.empty(3)
         for block in range(shares[partition], shares[partition + 1]):
-            for axis in range(3):
-                corner[axis] = corners[block, axis]
             for iteration in range(iterations):
-                sums[:] = 0.0
-                lengths[:] = 0.0
+                _clear(sums, lengths)
                 _add_segments(
-                    spans,
-                    starts[block],
-                    ends[block],
-                    points,
-                    coordinates,
-                    per_cell,
-                    corner,
-                    iteration > 0,
-                    mean,
-                    sums,
-                    lengths,
-                )
-                for cell in range(BLOCK_CELLS):
-                    if lengths[cell] == 0.0:
-                        for axis in range(3):
-                            mean[cell, axis] = 0.0
-                        continue
-                    size = math.sqrt(sums[cell, 0] ** 2 + sums[cell, 1] ** 2 + sums[cell, 2] ** 2)
-                    if iteration == 0:
-                        coherence[block, 0] += size
-                        coherence[block, 1] += lengths[cell]
-                    # tangents that cancel out leave rounding errors, which are no direction
-                    scale = 1.0 / size if size > 1e-9 * lengths[cell] else 0.0
-                    for axis in range(3):
-                        mean[cell, axis] = sums[cell, axis] * scale
-            for cell in range(BLOCK_CELLS):
-                if mean[cell, 0] != 0.0 or mean[cell, 1] != 0.0 or mean[cell, 2] != 0.0:
-                    coherence[block, 2] += 1.0
+                    spans, starts[block], ends[block], points, coordinates, per_cell, corners[block], iteration > 0,
+                    mean, sums, lengths,
+                )  # fmt: skip
+                _normalise(sums, lengths, mean, coherence[block], iteration == 0)
             if len(directions) > 0:
-                for i in range(SIDE):
-                    for j in range(SIDE):
-                        for k in range(SIDE):
-                            for axis in range(3):
-                                directions[block, i, j, k, axis] = mean[(i * SIDE + j) * SIDE + k, axis]
+                _store(mean, directions[block])
+
+
+@device
+def _fill_margin(corner: Int32, table: Int32, directions: Floats, own: Floats) -> None:
+    for i in range(SIDE + 1):
+        for j in range(SIDE + 1):
+            for k in range(SIDE if i < SIDE and j < SIDE else 0, SIDE + 1):
+                a, b, c = corner[0] + i // SIDE, corner[1] + j // SIDE, corner[2] + k // SIDE
+                other = -1
+                if a < table.shape[0] and b < table.shape[1] and c < table.shape[2]:
+                    other = table[a, b, c]
+                for axis in range(3):
+                    own[i, j, k, axis] = directions[other, i % SIDE, j % SIDE, k % SIDE, axis] if other >= 0 else 0.0
 
 
 @parallel_kernel
@@ -296,17 +313,4 @@ def fill_margins(corners: Int32, table: Int32, directions: Floats) -> None:
     corners (B, 3): each block's place in table (BX, BY, BZ). With the copies a lookup needs one block only.
     """
     for block in numba.prange(len(corners)):
-        for i in range(SIDE + 1):
-            for j in range(SIDE + 1):
-                for k in range(SIDE if i < SIDE and j < SIDE else 0, SIDE + 1):
-                    a, b, c = (
-                        corners[block, 0] + i // SIDE,
-                        corners[block, 1] + j // SIDE,
-                        corners[block, 2] + k // SIDE,
-                    )
-                    other = -1
-                    if a < table.shape[0] and b < table.shape[1] and c < table.shape[2]:
-                        other = table[a, b, c]
-                    for axis in range(3):
-                        value = directions[other, i % SIDE, j % SIDE, k % SIDE, axis] if other >= 0 else 0.0
-                        directions[block, i, j, k, axis] = value
+        _fill_margin(corners[block], table, directions, directions[block])

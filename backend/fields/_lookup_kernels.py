@@ -83,7 +83,7 @@ def mean_direction(
     return vx, vy, vz
 
 
-@inlined_device
+@device
 def unit_direction(
     a: float, b: float, c: float, origin: Floats, per_cell: float, shape: Any, blocks: Int32, cells: Floats,
     shift: int, strides: Any,

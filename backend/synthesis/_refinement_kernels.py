@@ -49,6 +49,33 @@ def _rotation(tangents: Floats, i: int, turn: Floats) -> None:
         turn[axis] *= scale
 
 
+@device
+def _curl_radius(strand: Floats, chord: float) -> float:
+    n_points = len(strand)
+    total = 0.0
+    for i in range(n_points - 1):
+        sx, sy, sz = strand[i + 1, 0] - strand[i, 0], strand[i + 1, 1] - strand[i, 1], strand[i + 1, 2] - strand[i, 2]
+        total += math.sqrt(sx * sx + sy * sy + sz * sz)
+    if total == 0.0:
+        return np.inf
+    arc = max(min(chord, 0.25 * total), total / (n_points - 1))
+    tangents, before, after = np.empty((n_points, 3)), np.empty(3), np.empty(3)
+    count = _chords(strand, arc * (1.0 - 1e-6), tangents)
+    if count > 1:
+        _rotation(tangents, 0, after)
+    turning = 0.0
+    for i in range(1, count - 1):
+        before, after = after, before
+        _rotation(tangents, i, after)
+        together, alone = 0.0, 0.0
+        for axis in range(3):
+            together += (0.5 * (before[axis] + after[axis])) ** 2
+            alone += after[axis] ** 2
+        # beyond a right angle the axes of a tight curl's rotations scatter, and noise does not get there
+        turning += max(together, alone) if alone > SHARP_TURN**2 else together
+    return arc / math.sqrt(turning / (count - 2)) if turning > 0.0 else np.inf
+
+
 @parallel_kernel
 def measure_curl_radii(points: Floats, chord: float, radii: Floats) -> None:
     """radii (S,): radius of curvature of strands points (S, N, 3), root mean square over the strand of its inverse.
@@ -56,28 +83,5 @@ def measure_curl_radii(points: Floats, chord: float, radii: Floats) -> None:
     Measured between chords of this arc length (longer where the points are farther apart). Two successive rotations
     are averaged, so that noise, which turns to and fro, does not count as a curl, which goes on turning.
     """
-    n_strands, n_points, _ = points.shape
-    for strand in numba.prange(n_strands):
-        total = 0.0
-        for i in range(n_points - 1):
-            squared = 0.0
-            for axis in range(3):
-                squared += (points[strand, i + 1, axis] - points[strand, i, axis]) ** 2
-            total += math.sqrt(squared)
-        arc = max(min(chord, 0.25 * total), total / (n_points - 1))
-        tangents = np.empty((n_points, 3))
-        count = _chords(points[strand], arc * (1.0 - 1e-6), tangents) if total > 0.0 else 0
-        before, after = np.empty(3), np.empty(3)
-        turning = 0.0
-        if count > 1:
-            _rotation(tangents, 0, after)
-        for i in range(1, count - 1):
-            before[:] = after
-            _rotation(tangents, i, after)
-            together, alone = 0.0, 0.0
-            for axis in range(3):
-                together += (0.5 * (before[axis] + after[axis])) ** 2
-                alone += after[axis] ** 2
-            # beyond a right angle the axes of a tight curl's rotations scatter, and noise does not get there
-            turning += max(together, alone) if alone > SHARP_TURN**2 else together
-        radii[strand] = arc / math.sqrt(turning / (count - 2)) if turning > 0.0 else np.inf
+    for strand in numba.prange(len(points)):
+        radii[strand] = _curl_radius(points[strand], chord)
