@@ -58,7 +58,8 @@ def _hair_nodes(tree: bpy.types.NodeTree) -> None:
     # EEVEE has no melanin: a surface of about the same brown
     surface = tree.nodes.new("ShaderNodeBsdfPrincipled")
     surface.inputs["Base Color"].default_value = _BROWN
-    surface.inputs["Roughness"].default_value = 0.45
+    surface.inputs["Roughness"].default_value = 0.5
+    surface.inputs["Specular IOR Level"].default_value = 0.3
     _output(tree, surface, "EEVEE", -500)
 
 

@@ -55,10 +55,10 @@ def wisp_colors(labels: np.ndarray) -> np.ndarray:
     """(S, 4) float32 linear RGBA: one strong colour a wisp, neighbours in number far apart in hue."""
     index = labels.astype(np.float64)
     hue = (index * _GOLDEN_TURN) % 1.0
-    value = 0.55 + 0.4 * ((index * 0.381966) % 1.0)
+    value = 0.25 + 0.5 * ((index * 0.381966) % 1.0)
     offsets = np.array([0.0, 2.0 / 3.0, 1.0 / 3.0])
     ramps = np.clip(np.abs(((hue[:, None] + offsets) % 1.0) * 6.0 - 3.0) - 1.0, 0.0, 1.0)
-    rgb = value[:, None] * (1.0 - 0.8 * (1.0 - ramps))
+    rgb = value[:, None] * (1.0 - 0.95 * (1.0 - ramps))
     return np.concatenate([rgb, np.ones((len(labels), 1))], axis=1).astype(np.float32)
 
 

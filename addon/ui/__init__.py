@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from . import panels, presets
+from . import menus, panels, presets
 
-_PARTS = (presets, panels)
+_PARTS = (presets, panels, menus)
 
 
 def register() -> None:

@@ -91,6 +91,14 @@ def test_each_level_of_wisps_has_its_buttons():
     assert after.count(("operator", "hairloom.extract_centers")) == 2
 
 
+def test_the_file_menus_import_and_export():
+    drawn: list[tuple[str, str]] = []
+    menus = scenes.module("ui.menus")
+    for draw in (menus._draw_import, menus._draw_export):
+        draw(SimpleNamespace(layout=Layout(drawn)), bpy.context)
+    assert drawn == [("operator", "hairloom.import_groom"), ("operator", "hairloom.export_groom")]
+
+
 @pytest.mark.parametrize("label", ["Synthesize", "Cluster Wisps", "Extract Centers", "Clean Up"])
 def test_a_running_job_shows_its_progress_and_a_way_to_cancel(label):
     scenes.groom_on_head()
