@@ -152,7 +152,7 @@ class RefineSettings(ParamsGroup, bpy.types.PropertyGroup):
     )  # fmt: skip
     step: FloatProperty(
         name="Step", default=0.02, min=1e-4, soft_min=0.005, soft_max=0.1, max=1.0, precision=4, step=0.1,
-        description="Longest step of a strand that follows the flow, in head radii",
+        description="Step of a strand that follows the flow, in head radii",
     )  # fmt: skip
     iterations: IntProperty(
         name="Passes", default=2, min=1, soft_max=6, max=16,
