@@ -27,10 +27,10 @@ class Job:
 
 
 JOBS: Mapping[str, Job] = {
-    "clean_up": Job(".jobs:run_clean_up", ".geometry.cleanup:CleanUpParams"),
-    "cluster_wisps": Job(".jobs:run_cluster_wisps", ".synthesis.pipeline:SynthesisParams"),
-    "synthesize": Job(".jobs:run_synthesize", ".synthesis.pipeline:SynthesisParams"),
-    "warm_up": Job(".jobs:run_warm_up"),
+    "clean_up": Job(".jobs.clean_up:run", ".geometry.cleanup:CleanUpParams"),
+    "cluster_wisps": Job(".jobs.cluster_wisps:run", ".synthesis.pipeline:SynthesisParams"),
+    "synthesize": Job(".jobs.synthesize:run", ".synthesis.pipeline:SynthesisParams"),
+    "warm_up": Job(".jobs.warm_up:run"),
 }
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
 from scipy.spatial import cKDTree
-from scipy.stats import ks_2samp
 
 from ..geometry.strands import polyline_lengths
 from ..types import Float32, Float64, RootedStrands
@@ -76,8 +75,11 @@ def _tip_directions(strands: RootedStrands) -> Float64:
     return np.asarray(tips / np.maximum(np.linalg.norm(tips, axis=1, keepdims=True), 1e-12))
 
 
-def _distance(first: Float64, second: Float64) -> float:
-    return float(ks_2samp(first, second, method="asymp").statistic)
+def kolmogorov_smirnov(first: Float64, second: Float64) -> float:
+    """Largest difference of two samples' cumulative distributions, 0 to 1 (scipy.stats costs 0.7 s to import)."""
+    places = np.concatenate([first, second])
+    shares = [np.searchsorted(np.sort(sample), places, side="right") / len(sample) for sample in (first, second)]
+    return float(np.abs(shares[0] - shares[1]).max())
 
 
 def subset(strands: RootedStrands, count: int, seed: int) -> RootedStrands:
@@ -143,10 +145,10 @@ def compare_styles(
             }
         )
     tips = [_tip_directions(strands) for strands in (first, second)]
-    distances = {name: _distance(values[0][name], values[1][name]) for name in values[0]}
+    distances = {name: kolmogorov_smirnov(values[0][name], values[1][name]) for name in values[0]}
     return StyleReport(
         **distances,
-        tip_direction=max(_distance(tips[0][:, axis], tips[1][:, axis]) for axis in range(3)),
+        tip_direction=max(kolmogorov_smirnov(tips[0][:, axis], tips[1][:, axis]) for axis in range(3)),
         copied_share=copied_share(example, subset(result, max_strands, seed)),
         example_means={name: float(array.mean()) for name, array in values[0].items()},
         result_means={name: float(array.mean()) for name, array in values[1].items()},

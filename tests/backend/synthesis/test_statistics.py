@@ -1,8 +1,9 @@
 """Style statistics: helices with known curvature and torsion, equal and different styles, copies."""
 
 import numpy as np
-from hairloom.synthesis.statistics import compare_styles, copied_share, curvature_and_torsion
+from hairloom.synthesis.statistics import compare_styles, copied_share, curvature_and_torsion, kolmogorov_smirnov
 from hairloom.types import RootedStrands
+from scipy.stats import ks_2samp
 
 
 def helix(radius, pitch, length, n_points):
@@ -53,3 +54,11 @@ def test_a_copy_is_found_and_new_hair_is_not():
     far = field_of_hair(np.random.default_rng(4), 500, 0.2)
     assert copied_share(style, style) == 1.0
     assert copied_share(style, far) == 0.0
+
+
+def test_kolmogorov_smirnov_agrees_with_scipy():
+    rng = np.random.default_rng(5)
+    for size in (1, 7, 400):
+        first, second = rng.normal(size=size), np.round(rng.normal(0.3, 2.0, 3 * size), 1)
+        second[0] = first[0]  # ties within and between the samples
+        assert abs(kolmogorov_smirnov(first, second) - ks_2samp(first, second).statistic) < 1e-12
