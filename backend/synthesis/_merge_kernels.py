@@ -125,13 +125,17 @@ def _farthest_if_merged(
 @device
 def _linked_lists(offsets: Int32) -> Any:
     """Compressed rows as linked lists: head and tail of each row and the item after each item, -1 for none, int32."""
-    head = offsets[:-1].copy()
-    tail = offsets[1:] - np.int32(1)
-    after = np.arange(1, offsets[-1] + 1).astype(np.int32)
-    for row in range(head.shape[0]):
-        if tail[row] < head[row]:
+    n_rows = offsets.shape[0] - 1
+    head = np.empty(n_rows, np.int32)
+    tail = np.empty(n_rows, np.int32)
+    after = np.empty(offsets[n_rows], np.int32)
+    for item in range(after.shape[0]):
+        after[item] = item + 1
+    for row in range(n_rows):
+        if offsets[row + 1] == offsets[row]:
             head[row] = tail[row] = -1
         else:
+            head[row], tail[row] = offsets[row], offsets[row + 1] - 1
             after[tail[row]] = -1
     return head, tail, after
 
@@ -154,9 +158,10 @@ def _with_room(queue: Any, needed: int) -> Any:
     larger_heap = np.empty(2 * needed, heap.dtype)
     larger_pairs = np.empty((2 * needed, 2), pairs.dtype)
     larger_ages = np.empty(2 * needed, ages.dtype)
-    larger_heap[:count] = heap
-    larger_pairs[:count] = pairs
-    larger_ages[:count] = ages
+    for entry in range(count):
+        larger_heap[entry] = heap[entry]
+        larger_pairs[entry, 0], larger_pairs[entry, 1] = pairs[entry, 0], pairs[entry, 1]
+        larger_ages[entry] = ages[entry]
     return larger_heap, larger_pairs, larger_ages
 
 
@@ -181,11 +186,17 @@ def merge_wisps(
     """
     n_wisps = centers.shape[0]
     means = centers.copy()
-    counts = np.diff(starts).astype(np.float64)
     far = farthest.copy()
-    parent = np.arange(n_wisps).astype(np.int32)
+    # loops, not array functions: those take numba most of this kernel's 15 s of compiling
+    counts = np.empty(n_wisps, np.float64)
+    parent = np.empty(n_wisps, np.int32)
     changes = np.zeros(n_wisps, np.int64)
-    seen = np.full(n_wisps, -1, np.int64)
+    seen = np.empty(n_wisps, np.int64)
+    for wisp in range(n_wisps):
+        counts[wisp] = starts[wisp + 1] - starts[wisp]
+        parent[wisp] = wisp
+        seen[wisp] = -1
+    middle = np.empty(centers.shape[1], np.float32)
     target = neighbours.copy()
     # linked lists, so that those of two wisps are joined in one step
     beside = _linked_lists(offsets)
@@ -200,18 +211,21 @@ def merge_wisps(
     while left > n_wanted and size > 0:
         entry = np.int64(queue[0][0] & np.uint64(0xFFFFFFFF))
         size = drop_first(queue[0], size)
-        kept, gone = np.sort(queue[1][entry])
+        kept = min(queue[1][entry, 0], queue[1][entry, 1])
+        gone = max(queue[1][entry, 0], queue[1][entry, 1])
         # changes only grow: an equal sum says that neither wisp has changed since the pair was offered
         if changes[kept] + changes[gone] != queue[2][entry]:
             continue
         share = np.float32(counts[gone] / (counts[kept] + counts[gone]))
-        middle = means[kept] + share * (means[gone] - means[kept])
+        for i in range(middle.shape[0]):
+            middle[i] = means[kept, i] + share * (means[gone, i] - means[kept, i])
         if largest_error < np.inf:
             strand = _farthest_if_merged(points, rows, middle, members, strands, far, kept, gone, largest_error)
             if strand < 0:
                 continue
             far[kept] = strand
-        means[kept] = middle
+        for i in range(middle.shape[0]):
+            means[kept, i] = middle[i]
         counts[kept] += counts[gone]
         parent[gone] = kept
         changes[kept] += 1
