@@ -171,7 +171,7 @@ class RefineSettings(ParamsGroup, bpy.types.PropertyGroup):
         description="Share of the flow in a strand's direction: 0 leaves strands as they are, 1 follows the flow alone",
     )  # fmt: skip
     angle_limit_deg: FloatProperty(
-        name="Angle Limit", default=60.0, min=1.0, max=180.0, precision=0,
+        name="Angle Limit", default=30.0, min=1.0, max=180.0, precision=0,
         description="The flow is trusted less where it turns away from the strand by more degrees than this",
     )  # fmt: skip
     protect_curls: BoolProperty(
