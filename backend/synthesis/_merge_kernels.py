@@ -213,8 +213,7 @@ def merge_wisps(
     strands = _linked_lists(starts)
     room = neighbours.shape[0] + 1
     queue = (np.empty(room, np.uint64), np.empty((room, 2), np.int32), np.empty(room, np.int64))
-    size = 0
-    n_entries = 0
+    size = n_entries = 0
     for wisp in range(n_wisps):
         size, n_entries = _offer_pairs(wisp, False, means, counts, changes, beside, target, queue, size, n_entries)
     left = n_wisps
