@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from ..errors import require
 from ..geometry.roots import Roots, scatter_roots
+from ..geometry.scalp_region import triangle_areas
 from ..geometry.scalp_space import ScalpSpace, fit_scalp_space, root_strands, unroot_strands
 from ..progress import NO_PROGRESS, Progress, subrange
 from ..types import Bools, FeatureMap, Head, Int32, RootedStrands, StrandSet, WispHierarchy
@@ -121,9 +122,7 @@ def level_counts(example: WispHierarchy, area_ratio: float, n_strands: int) -> t
 def region_area(head: Head, region: Bools) -> float:
     """Area of the triangles `region` (F,) bool of the head, square metres; InputError if there is none."""
     require(region.shape == head.scalp.shape, f"the region has {region.size} triangles, the head {head.scalp.size}")
-    corners = head.vertices[head.triangles[region]].astype(np.float64)
-    doubled = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    area = float(doubled.sum()) / 2
+    area = float(triangle_areas(head)[region].sum())
     require(area > 0, "the scalp region has no area; choose faces of the head where hair shall grow")
     return area
 
