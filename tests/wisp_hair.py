@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hairloom.synthesis.root_graph import connect_roots
+from hairloom.geometry.root_graph import connect_roots
 from hairloom.synthesis.wisps import WispSet
 from hairloom.types import RootedStrands
 from scipy.sparse import coo_matrix

@@ -64,23 +64,6 @@ def drop_first(heap: Any, size: int) -> int:
     return size
 
 
-@kernel
-def second_shortest(edges: Any, lengths: Float64, count: int) -> Any:
-    """The second least length of the edges (E, 2) at each of `count` nodes, (count,) float64; inf for less than two."""
-    least = np.full(count, np.inf)
-    second = np.full(count, np.inf)
-    for e in range(edges.shape[0]):
-        length = lengths[e]
-        for side in range(2):
-            node = edges[e, side]
-            if length < least[node]:
-                second[node] = least[node]
-                least[node] = length
-            elif length < second[node]:
-                second[node] = length
-    return second
-
-
 @device
 def _offer_neighbours(
     strand: int,

@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hairloom.synthesis import root_graph
-from hairloom.synthesis.root_graph import RootGraph, connect_roots, spatial_order
+from hairloom.geometry import root_graph
+from hairloom.geometry.root_graph import RootGraph, connect_roots, spatial_order
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay

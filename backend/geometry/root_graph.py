@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from ..types import Float32, Float64, Int32
-from ._wisp_kernels import second_shortest
+from ._root_graph_kernels import second_shortest
 
 Indices = NDArray[np.int64]
 
