@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import bpy
 
 from .. import jobs, scene
@@ -12,48 +10,8 @@ from ..ops.clean_up import HAIRLOOM_OT_clean_up
 from ..ops.cluster_wisps import HAIRLOOM_OT_cluster_wisps
 from ..ops.extract_centers import HAIRLOOM_OT_extract_centers
 from ..ops.synthesize import HAIRLOOM_OT_synthesize
+from .layout import HairloomPanel, draw_settings, hint, job_button, settings_column
 from .presets import HAIRLOOM_PT_synthesis_presets
-
-
-class HairloomPanel:
-    """Mixin: a panel of the tab."""
-
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "Hairloom"
-
-
-def _settings_column(layout: bpy.types.UILayout) -> bpy.types.UILayout:
-    column = layout.column()
-    column.use_property_split = True
-    column.use_property_decorate = False
-    return column
-
-
-def _draw_settings(column: bpy.types.UILayout, group: bpy.types.PropertyGroup, names: Iterable[str]) -> None:
-    for name in names:
-        column.prop(group, name)
-
-
-def _job_button(layout: bpy.types.UILayout, context: bpy.types.Context, icon: str, *operators: type) -> None:
-    """The button of the first operator; while a job of any of them runs, its progress in the same place."""
-    job = jobs.status(context)
-    if job.is_running and job.label in {operator.bl_label for operator in operators}:
-        jobs.draw_progress(layout, job)
-    else:
-        layout.operator(operators[0].bl_idname, icon=icon)
-
-
-def _hint(layout: bpy.types.UILayout, text: str) -> None:
-    """A sentence that may be longer than the panel is wide, in lines of about its width."""
-    box = layout.column(align=True)
-    box.scale_y = 0.8
-    words, line, icon = text.split(), "", "INFO"
-    for word in [*words, ""]:
-        if line and (not word or len(line) + len(word) > 34):
-            box.label(text=line, icon=icon)
-            line, icon = "", "BLANK1"
-        line = f"{line} {word}".strip()
 
 
 class HAIRLOOM_PT_head(HairloomPanel, bpy.types.Panel):
@@ -62,7 +20,7 @@ class HAIRLOOM_PT_head(HairloomPanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, settings = self.layout, scene.settings(context)
-        column = _settings_column(layout)
+        column = settings_column(layout)
         column.prop(settings, "head")
         head = scene.head_for(context, scene.active_groom(context))
         if head is not None:
@@ -71,9 +29,9 @@ class HAIRLOOM_PT_head(HairloomPanel, bpy.types.Panel):
         row.operator("hairloom.add_head", icon="ADD")
         row.operator("hairloom.set_up_head", icon="MESH_MONKEY")
         if head is None:
-            _hint(layout, "Add a head, or select a mesh of yours and set it up")
+            hint(layout, "Add a head, or select a mesh of yours and set it up")
         elif head.data.uv_layers.active is None:
-            _hint(layout, f"'{head.name}' has no UV map yet: select it and press Set Up Head")
+            hint(layout, f"'{head.name}' has no UV map yet: select it and press Set Up Head")
 
 
 class HAIRLOOM_PT_groom(HairloomPanel, bpy.types.Panel):
@@ -88,7 +46,7 @@ class HAIRLOOM_PT_groom(HairloomPanel, bpy.types.Panel):
         layout.operator_menu_enum("hairloom.add_starter_groom", "groom", icon="STRANDS")
         groom = scene.active_groom(context)
         if groom is None:
-            _hint(layout, scene.why_no_groom(context))
+            hint(layout, scene.why_no_groom(context))
             return
         box = layout.box()
         column = box.column(align=True)
@@ -105,10 +63,10 @@ class HAIRLOOM_PT_clean_up(HairloomPanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        column = _settings_column(self.layout)
+        column = settings_column(self.layout)
         settings = scene.settings(context).clean_up
-        _draw_settings(column, settings, settings.setting_names())
-        _job_button(self.layout, context, "BRUSH_DATA", HAIRLOOM_OT_clean_up)
+        draw_settings(column, settings, settings.setting_names())
+        job_button(self.layout, context, "BRUSH_DATA", HAIRLOOM_OT_clean_up)
 
 
 class HAIRLOOM_PT_wisps(HairloomPanel, bpy.types.Panel):
@@ -118,11 +76,11 @@ class HAIRLOOM_PT_wisps(HairloomPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         hierarchy = scene.settings(context).synthesis.hierarchy
-        column = _settings_column(layout)
+        column = settings_column(layout)
         column.prop(hierarchy, "n_levels")
         column.prop(hierarchy.wisps, "n_wisps")
         column.prop(hierarchy.wisps, "error_threshold")
-        _job_button(layout, context, "OUTLINER_OB_CURVES", HAIRLOOM_OT_cluster_wisps, HAIRLOOM_OT_extract_centers)
+        job_button(layout, context, "OUTLINER_OB_CURVES", HAIRLOOM_OT_cluster_wisps, HAIRLOOM_OT_extract_centers)
         groom = scene.active_groom(context)
         if groom is None or "hairloom_wisp" not in groom.data.attributes:
             return
@@ -147,10 +105,10 @@ class HAIRLOOM_PT_wisps_more(HairloomPanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         hierarchy = scene.settings(context).synthesis.hierarchy
-        column = _settings_column(self.layout)
+        column = settings_column(self.layout)
         column.prop(hierarchy, "ratio")
         shown = ("n_wisps", "error_threshold")
-        _draw_settings(column, hierarchy.wisps, (n for n in hierarchy.wisps.setting_names() if n not in shown))
+        draw_settings(column, hierarchy.wisps, (n for n in hierarchy.wisps.setting_names() if n not in shown))
 
 
 class HAIRLOOM_PT_synthesis(HairloomPanel, bpy.types.Panel):
@@ -163,7 +121,7 @@ class HAIRLOOM_PT_synthesis(HairloomPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, settings = self.layout, scene.settings(context)
         synthesis = settings.synthesis
-        column = _settings_column(layout)
+        column = settings_column(layout)
         column.prop(synthesis, "n_strands")
         head = scene.head_for(context, scene.active_groom(context))
         if head is not None:
@@ -171,10 +129,10 @@ class HAIRLOOM_PT_synthesis(HairloomPanel, bpy.types.Panel):
         column.prop(synthesis, "seed")
         button = layout.column()
         button.scale_y = 1.5
-        _job_button(button, context, "OUTLINER_DATA_CURVES", HAIRLOOM_OT_synthesize)
+        job_button(button, context, "OUTLINER_DATA_CURVES", HAIRLOOM_OT_synthesize)
         missing = scene.why_no_job(context)
         if missing and not jobs.status(context).is_running:
-            _hint(layout, missing)
+            hint(layout, missing)
 
 
 class HAIRLOOM_PT_layout(HairloomPanel, bpy.types.Panel):
@@ -184,10 +142,10 @@ class HAIRLOOM_PT_layout(HairloomPanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         synthesis = scene.settings(context).synthesis
-        column = _settings_column(self.layout)
-        _draw_settings(column, synthesis, ("n_samples", "n_features", "map_spacing", "sharpness"))
+        column = settings_column(self.layout)
+        draw_settings(column, synthesis, ("n_samples", "n_features", "map_spacing", "sharpness"))
         column.separator()
-        _draw_settings(column, synthesis.texture, synthesis.texture.setting_names())
+        draw_settings(column, synthesis.texture, synthesis.texture.setting_names())
 
 
 class HAIRLOOM_PT_details(HairloomPanel, bpy.types.Panel):
@@ -197,8 +155,8 @@ class HAIRLOOM_PT_details(HairloomPanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         transfer = scene.settings(context).synthesis.transfer
-        column = _settings_column(self.layout)
-        _draw_settings(column, transfer, transfer.setting_names())
+        column = settings_column(self.layout)
+        draw_settings(column, transfer, transfer.setting_names())
 
 
 class HAIRLOOM_PT_refinement(HairloomPanel, bpy.types.Panel):
@@ -211,9 +169,9 @@ class HAIRLOOM_PT_refinement(HairloomPanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         synthesis = scene.settings(context).synthesis
-        column = _settings_column(self.layout)
+        column = settings_column(self.layout)
         column.active = synthesis.use_refinement
-        _draw_settings(column, synthesis.refine, synthesis.refine.setting_names())
+        draw_settings(column, synthesis.refine, synthesis.refine.setting_names())
 
 
 register, unregister = bpy.utils.register_classes_factory(

@@ -51,10 +51,10 @@ class Layout:
 
 def draw_all() -> list[tuple[str, str]]:
     drawn: list[tuple[str, str]] = []
-    panels = scenes.module("ui.panels")
-    for name in dir(panels):
-        panel = getattr(panels, name)
-        if name.startswith("HAIRLOOM_PT_") and panel.bl_label != "Synthesis Presets":
+    parts = scenes.module("ui")._PARTS
+    found = {name: getattr(part, name) for part in parts for name in dir(part) if name.startswith("HAIRLOOM_PT_")}
+    for panel in found.values():
+        if panel.bl_label != "Synthesis Presets":
             stand_in = SimpleNamespace(layout=Layout(drawn))
             for method in (getattr(panel, "draw_header", None), panel.draw):
                 if method is not None:
