@@ -263,7 +263,8 @@ def package_files(wheels: Sequence[Path] = ()) -> dict[str, Path]:
             if path.is_file() and not hidden and path.suffix != ".pyc":
                 files[prefix + inside.as_posix()] = path
     templates = ROOT / "blend_templates"
-    for path in [*templates.rglob("*.blend"), *templates.rglob("blender_assets.cats.txt")]:
+    details = [path for path in (templates / "details").glob("*") if path.suffix in {".npz", ".png"}]
+    for path in [*templates.rglob("*.blend"), *templates.rglob("blender_assets.cats.txt"), *details]:
         files["blend_templates/" + path.relative_to(templates).as_posix()] = path
     files |= {f"wheels/{wheel.name}": wheel for wheel in wheels}
     del files[MANIFEST]

@@ -5,9 +5,9 @@ Nothing heavy is imported here; `lazy` is the door to the backend and to the mod
 
 from __future__ import annotations
 
-from . import assets, jobs, ops, prefs, props, ui, warmup
+from . import assets, detail_library, jobs, ops, prefs, props, ui, warmup
 
-_PARTS = (jobs, props, ops, ui, prefs, assets, warmup)
+_PARTS = (jobs, props, ops, ui, prefs, assets, detail_library, warmup)
 
 
 def register() -> None:

@@ -21,10 +21,11 @@ def folder() -> str:
 
 def _library() -> bpy.types.UserAssetLibrary | None:
     libraries = bpy.context.preferences.filepaths.asset_libraries
-    return next((library for library in libraries if _same(library.path, folder())), None)
+    return next((library for library in libraries if same(library.path, folder())), None)
 
 
-def _same(path: str, other: str) -> bool:
+def same(path: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:
+    """Do two paths name the same folder?"""
     return os.path.normcase(os.path.normpath(path)) == os.path.normcase(os.path.normpath(other))
 
 
@@ -41,9 +42,9 @@ def unregister() -> None:
 
 @functools.cache
 def starter_grooms() -> tuple[tuple[str, str], ...]:
-    """(name, .blend file) of each starter groom: the Curves assets of the files that ship."""
+    """(name, .blend file) of each starter groom: the Curves assets of the files that ship, saved details aside."""
     found = []
-    for path in sorted(glob.glob(os.path.join(glob.escape(folder()), "**", "*.blend"), recursive=True)):
+    for path in sorted(glob.glob(os.path.join(glob.escape(folder()), "*.blend"))):
         with bpy.data.libraries.load(path, assets_only=True) as (source, _):
             found += [(name, path) for name in source.objects if name != HEAD]
     return tuple(found)
