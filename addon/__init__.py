@@ -5,9 +5,9 @@ Nothing heavy is imported here; `lazy` is the door to the backend and to the mod
 
 from __future__ import annotations
 
-from . import assets, detail_library, jobs, ops, prefs, props, ui, warmup
+from . import assets, comb_cache, detail_library, detail_settings, jobs, ops, prefs, props, tools, ui, warmup
 
-_PARTS = (jobs, props, ops, ui, prefs, assets, detail_library, warmup)
+_PARTS = (jobs, props, detail_settings, ops, tools, ui, comb_cache, prefs, assets, detail_library, warmup)
 
 
 def register() -> None:

@@ -19,6 +19,7 @@ from bpy.props import (
     StringProperty,
 )
 
+from .detail_settings import DetailSettings, DetailTransferSettings, TransferSettings
 from .params_group import ParamsGroup
 
 
@@ -108,19 +109,6 @@ class TextureSettings(ParamsGroup, bpy.types.PropertyGroup):
         params = super().to_params()
         params["window_sizes"] = [size for size in self.window_sizes if size > 0]
         return params
-
-
-class TransferSettings(ParamsGroup, bpy.types.PropertyGroup):
-    """Settings of the detail transfer, which adds the finer levels"""
-
-    n_features: IntProperty(
-        name="Features", default=16, min=1, soft_max=64, max=256,
-        description="Numbers that describe the shape of a wisp when the most similar one is searched",
-    )  # fmt: skip
-    n_donors: IntProperty(
-        name="Donors", default=1, min=1, max=16,
-        description="Example strands blended into the details of a new strand; 1 keeps details crispest",
-    )  # fmt: skip
 
 
 class RefineSettings(ParamsGroup, bpy.types.PropertyGroup):
@@ -281,11 +269,12 @@ class SceneSettings(bpy.types.PropertyGroup):
     )  # fmt: skip
     clean_up: PointerProperty(type=CleanUpSettings)
     synthesis: PointerProperty(type=SynthesisSettings)
+    details: PointerProperty(type=DetailTransferSettings)
 
 
 CLASSES = (
     WispSettings, HierarchySettings, TextureSettings, TransferSettings, RefineSettings, CleanUpSettings,
-    SynthesisSettings, SceneSettings,
+    SynthesisSettings, DetailSettings, DetailTransferSettings, SceneSettings,
 )  # fmt: skip
 
 
