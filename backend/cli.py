@@ -1,4 +1,4 @@
-"""The command line `hairloom`: info, convert, cluster, synthesize, bench, warm-up.
+"""The command line `hairloom`: info, convert, cluster, synthesize, detail, transfer, bench, warm-up.
 
 Exit status: 0 done, 2 bad input (one line on standard error), 130 cancelled with Ctrl-C.
 """
@@ -25,11 +25,14 @@ from .io.files import read_file
 from .io.npz import read_arrays
 from .io.strands import read_strands, write_strands
 from .io.units import Units
+from .jobs.transfer_details import as_strand_set, transfer_report
 from .progress import Progress
+from .synthesis.detail_transfer import LENGTH_MODES, DetailParams, transfer_style
+from .synthesis.details import SMALL, Detail, holds_detail, read_detail, reduce_details, write_detail
 from .synthesis.hierarchy import HierarchyParams
 from .synthesis.pipeline import SynthesisParams, analyze, synthesize_from
 from .synthesis.statistics import compare_styles
-from .types import Bools, Head, StrandSet
+from .types import Bools, Head, StrandSet, WispHierarchy
 
 Report = dict[str, Any]
 
@@ -74,9 +77,18 @@ def _progress_bar(options: argparse.Namespace) -> tuple[Progress, Callable[[], N
 
 
 def _strands(options: argparse.Namespace) -> StrandSet:
-    strands = read_strands(options.hair, units=_units(options.units))
-    require(strands.n_strands > 0, f"{options.hair} has no strands; choose a groom that has")
+    return _read_groom(options.hair, options.units)
+
+
+def _read_groom(path: Path, units: str | None) -> StrandSet:
+    strands = read_strands(path, units=_units(units))
+    require(strands.n_strands > 0, f"{path} has no strands; choose a groom that has")
     return strands
+
+
+def _groom(path: Path, head_path: str | None, units: str | None) -> tuple[StrandSet, Head]:
+    strands = _read_groom(path, units)
+    return strands, _read_head(head_path, units, strands)
 
 
 def _units(text: str | None) -> Units | None:
@@ -84,9 +96,13 @@ def _units(text: str | None) -> Units | None:
 
 
 def _head(options: argparse.Namespace, strands: StrandSet) -> Head:
-    if options.head is None:
+    return _read_head(options.head, options.head_units or options.units, strands)
+
+
+def _read_head(path: str | None, units: str | None, strands: StrandSet) -> Head:
+    if path is None:
         return default_head()
-    head = read_head(options.head, _units(options.head_units or options.units))
+    head = read_head(path, _units(units))
     return head if head.scalp.any() else find_scalp(head, strands.roots)
 
 
@@ -181,6 +197,51 @@ def _synthesize(options: argparse.Namespace, clock: StageClock, progress: Progre
     return report
 
 
+def _detail(options: argparse.Namespace, clock: StageClock, progress: Progress) -> Report:
+    clock("read")
+    strands = _strands(options)
+    head = _head(options, strands)
+    clock("cluster")
+    hierarchy = analyze(strands, head, _synthesis_params(options), progress=progress).hierarchy
+    clock("write")
+    small = reduce_details(hierarchy, options.strands) if options.strands > 0 else hierarchy
+    write_detail(options.out, Detail(options.name or Path(options.hair).stem, small))
+    return {"levels": [level.n_strands for level in small.levels], "out": str(options.out)}
+
+
+def _details_of(options: argparse.Namespace, params: SynthesisParams, clock: StageClock) -> WispHierarchy:
+    """The hierarchy of the detail hairstyle: a saved one, or that of a groom."""
+    if holds_detail(options.detail):
+        return read_detail(options.detail).hierarchy
+    strands, head = _groom(options.detail, options.head_detail, options.units_detail)
+    clock("cluster detail")
+    return analyze(strands, head, params).hierarchy
+
+
+def _transfer(options: argparse.Namespace, clock: StageClock, progress: Progress) -> Report:
+    settings = DetailParams(
+        levels=tuple(options.take), strength=options.strength, smoothing=options.smoothing,
+        length_mode=options.length_mode, seed=options.seed,
+    )  # fmt: skip
+    params = _synthesis_params(options)
+    clock("read")
+    detail = _details_of(options, params, clock)
+    # the base is clustered to fit, whether the details come from a groom or from a file
+    finest = replace(params.hierarchy, n_levels=detail.n_levels)
+    params = replace(params, hierarchy=finest, n_samples=detail.levels[0].n_points)
+    clock("read")
+    strands, head = _groom(options.base, options.head_base, options.units_base)
+    clock("cluster base")
+    base = analyze(strands, head, params)
+    clock("transfer")
+    result = transfer_style(detail, base.hierarchy, settings, progress=progress)
+    clock("write")
+    made = as_strand_set(result.strands, base.space, strands)
+    write_strands(options.out, made, units=_units(options.out_units))
+    clock("compare")
+    return transfer_report(detail, base.hierarchy, result.levels) | {"out": str(options.out)}
+
+
 def _bench(options: argparse.Namespace, clock: StageClock, progress: Progress) -> Report:
     from .bench import run_benchmarks  # loads the peers, which only this command needs
 
@@ -199,15 +260,36 @@ def _add_head(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--head-units", help="units of the head file if they differ from --units")
 
 
-def _add_wisps(parser: argparse.ArgumentParser) -> None:
+def _add_wisps(parser: argparse.ArgumentParser, levels_option: str = "--levels") -> None:
     defaults = SynthesisParams()
     wisps = defaults.hierarchy.wisps
-    parser.add_argument("--levels", type=int, default=defaults.hierarchy.n_levels, help="levels of the hierarchy")
+    parser.add_argument(
+        levels_option, dest="levels", type=int, default=defaults.hierarchy.n_levels, help="levels of the hierarchy"
+    )
     parser.add_argument(
         "--epsilon", type=float, default=wisps.error_threshold, help="fitting error, head radii squared"
     )
     parser.add_argument("--k0", type=int, default=wisps.n_wisps, help="initial number of wisps")
     parser.add_argument("--seed", type=int, default=0, help="random seed")
+
+
+def _add_transfer(parser: argparse.ArgumentParser) -> None:
+    defaults = DetailParams()
+    parser.add_argument("detail", type=Path, help="groom to take the details from, or a saved detail .npz")
+    parser.add_argument("base", type=Path, help="groom that keeps its shape and takes the details")
+    for side in ("detail", "base"):
+        parser.add_argument(f"--head-{side}", help=f"head of the {side} groom, .obj (default: Hairloom's head)")
+        parser.add_argument(f"--units-{side}", help=f"units of the {side} groom and its head")
+    parser.add_argument(
+        "--levels", dest="take", type=int, nargs="*", default=defaults.levels, help="finer levels to take; 0: the hair"
+    )
+    parser.add_argument("--strength", type=float, default=defaults.strength, help="0 nothing, 1 all, to 2 exaggerated")
+    parser.add_argument(
+        "--smoothing", type=float, default=defaults.smoothing, help="of the detail's coarsest level, 0..1"
+    )
+    parser.add_argument(
+        "--length-mode", choices=LENGTH_MODES, default=defaults.length_mode, help="details on hair of other lengths"
+    )
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -229,16 +311,22 @@ def build_parser() -> argparse.ArgumentParser:
     convert = command("convert", _convert, "Convert a groom file; formats by suffix.", hair)
     cluster = command("cluster", _cluster, "Find the wisp hierarchy of a groom.", hair)
     synthesize = command("synthesize", _synthesize, "Make a new hairstyle like an example.", hair)
-    for sub in (cluster, synthesize):
+    detail = command("detail", _detail, "Save the details of a groom, for transfer.", hair)
+    transfer = command("transfer", _transfer, "Put the details of one groom onto another.")
+    _add_transfer(transfer)
+    _add_wisps(transfer, "--hierarchy-levels")
+    for sub in (cluster, synthesize, detail):
         _add_head(sub)
         _add_wisps(sub)
-    for sub in (convert, cluster, synthesize):
+    for sub in (convert, cluster, synthesize, detail, transfer):
         sub.add_argument("out", type=Path, help="the file to write")
-    for sub in (convert, synthesize):
+    for sub in (convert, synthesize, transfer):
         sub.add_argument("--out-units", help="units and up axis of the output (default: the format's own)")
     synthesize.add_argument("--strands", type=int, default=0, help="strands of the result (default: same density)")
     synthesize.add_argument("--region", help=".npz with 'mask' or 'triangles' of the head where hair grows")
     synthesize.add_argument("--compare", action="store_true", help="report how alike and how new the result is")
+    detail.add_argument("--strands", type=int, default=SMALL, help="strands a level; 0 keeps all")
+    detail.add_argument("--name", help="name of the detail (default: that of the file)")
     bench = command("bench", _bench, "Measure the jobs beside their peers.")
     bench.add_argument("job", nargs="?", help="one job only")
     bench.add_argument("--quick", action="store_true", help="small sizes only, no peers")

@@ -94,13 +94,13 @@ def match_wisps(out_centers: RootedStrands, in_centers: RootedStrands, n_feature
     return np.asarray(tree.query(basis.encode(aligned_out))[1], dtype=np.int32)
 
 
-def _root_offsets(roots: Float32, wisps: Int32, centers: RootedStrands, frames: Float32) -> Float32:
+def root_offsets(roots: Float32, wisps: Int32, centers: RootedStrands, frames: Float32) -> Float32:
     """(S, 3) float32: displacement of each root from its center's root, in the center's aligned frame."""
     offsets = roots - centers.roots[wisps]
     return np.asarray(np.einsum("sij,si->sj", frames[wisps], offsets), dtype=np.float32)
 
 
-def _point_frames(centers_in_head_space: Float32, aligned: Float32) -> Float32:
+def point_frames(centers_in_head_space: Float32, aligned: Float32) -> Float32:
     """(K, N, 3, 3) float32: frames along the center strands (M-6, W-A1).
 
     The start is the aligned binormal: it is orthogonal to the plane in which the strand mostly bends, so, unlike the
@@ -109,7 +109,7 @@ def _point_frames(centers_in_head_space: Float32, aligned: Float32) -> Float32:
     return transport_frames(centers_in_head_space, np.ascontiguousarray(aligned[:, :, 2]))
 
 
-def _donor_weights(distances: Float32) -> Float32:
+def donor_weights(distances: Float32) -> Float32:
     """(S, D) float32, rows sum to 1: inverse squared distance, an exact hit takes all; missing donors weigh nothing."""
     nearest = distances[:, :1]
     # relative to the typical distance of this strand's donors, so that the blend does not depend on the unit
@@ -158,18 +158,18 @@ def transfer_details(
     starts = np.searchsorted(in_wisps[members], np.arange(coarse.n_strands + 1)).astype(np.int32)
     require((np.diff(starts) > 0).all(), f"a wisp of the example's level {level} has no strands; cluster it again")
     donors, distances = find_donors(
-        _root_offsets(roots.roots, wisps, centers, out_frames),
+        root_offsets(roots.roots, wisps, centers, out_frames),
         matches[wisps],
-        _root_offsets(fine.roots, in_wisps, coarse, in_frames),
+        root_offsets(fine.roots, in_wisps, coarse, in_frames),
         members,
         starts,
         params.n_donors,
     )
     in_centers, out_centers = coarse.in_head_space(), centers.in_head_space()
     moved = transfer_displacements(
-        roots.roots, wisps, out_centers, out_frames, _point_frames(out_centers, out_frames),
-        donors, _donor_weights(distances),
-        fine.in_head_space(), in_wisps, in_centers, in_frames, _point_frames(in_centers, in_frames),
+        roots.roots, wisps, out_centers, out_frames, point_frames(out_centers, out_frames),
+        donors, donor_weights(distances),
+        fine.in_head_space(), in_wisps, in_centers, in_frames, point_frames(in_centers, in_frames),
     )  # fmt: skip
     local = np.matmul(moved - roots.roots[:, None, :], roots.frames)
     return TransferResult(roots.with_points(local), wisps, matches, donors)
