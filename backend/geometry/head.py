@@ -22,7 +22,16 @@ from ._head_kernels import add_fan_winding
 from .analytic_heads import sphere_head
 from .scalp_region import region_of_roots, weld
 
-__all__ = ["HeadSurface", "default_head", "find_scalp", "read_head", "sphere_head", "submesh", "unwrap"]
+__all__ = [
+    "HeadSurface",
+    "boundary_fans",
+    "default_head",
+    "find_scalp",
+    "read_head",
+    "sphere_head",
+    "submesh",
+    "unwrap",
+]
 
 DEFAULT_HEAD_PATH = Path(__file__).parent.parent / "data" / "head.npz"
 
@@ -53,7 +62,7 @@ class HeadSurface:
         self._tree = igl.AABB()
         self._tree.init(self._vertices, self._triangles)
         self._rays = _Rays(head.vertices, head.triangles)
-        self._fans = _boundary_fans(self._vertices, self._triangles, self._welded)
+        self._fans = boundary_fans(self._vertices, self._triangles, self._welded)
 
     def first_hits(self, origins: Floats, directions: Floats) -> tuple[Float32, Int32]:
         """First triangle that each ray meets, from either side.
@@ -270,7 +279,7 @@ def _barycentric(points: Float64, corners: Float64) -> Float64:
     return np.asarray(barycentric / barycentric.sum(axis=1, keepdims=True))
 
 
-def _boundary_fans(vertices: Float64, triangles: NDArray[np.int64], welded: NDArray[np.int64]) -> Float64:
+def boundary_fans(vertices: Float64, triangles: NDArray[np.int64], welded: NDArray[np.int64]) -> Float64:
     """(m, 3, 3) float64 corners of the triangles that close each boundary loop of the mesh by a fan to its middle."""
     edges = np.concatenate([welded[:, [0, 1]], welded[:, [1, 2]], welded[:, [2, 0]]])
     count = int(welded.max()) + 1
