@@ -10,7 +10,7 @@ class ParamsGroup:
 
     def to_params(self) -> dict[str, Any]:
         """The settings as a nested dict, as `registry.run_job` takes them."""
-        return {name: _plain(getattr(self, name)) for name in self.setting_names()}
+        return {name: plain_value(getattr(self, name)) for name in self.setting_names()}
 
     @classmethod
     def setting_names(cls) -> tuple[str, ...]:
@@ -18,7 +18,8 @@ class ParamsGroup:
         return tuple(cls.__annotations__)
 
 
-def _plain(value: Any) -> Any:
+def plain_value(value: Any) -> Any:
+    """A property's value as JSON takes it."""
     if isinstance(value, ParamsGroup):
         return value.to_params()
     if isinstance(value, float):

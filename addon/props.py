@@ -19,6 +19,7 @@ from bpy.props import (
     StringProperty,
 )
 
+from .comb_settings import CombSettings
 from .detail_settings import DetailSettings, DetailTransferSettings, TransferSettings
 from .params_group import ParamsGroup
 
@@ -269,12 +270,13 @@ class SceneSettings(bpy.types.PropertyGroup):
     )  # fmt: skip
     clean_up: PointerProperty(type=CleanUpSettings)
     synthesis: PointerProperty(type=SynthesisSettings)
+    comb: PointerProperty(type=CombSettings)
     details: PointerProperty(type=DetailTransferSettings)
 
 
 CLASSES = (
     WispSettings, HierarchySettings, TextureSettings, TransferSettings, RefineSettings, CleanUpSettings,
-    SynthesisSettings, DetailSettings, DetailTransferSettings, SceneSettings,
+    SynthesisSettings, DetailSettings, DetailTransferSettings, CombSettings, SceneSettings,
 )  # fmt: skip
 
 

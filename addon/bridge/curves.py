@@ -23,7 +23,7 @@ _NOT_CARRIED = {"position", "curve_type"}
 SURFACE_UV = "surface_uv_coordinate"
 
 
-def _transformed(points: np.ndarray, matrix: Matrix) -> np.ndarray:
+def transformed(points: np.ndarray, matrix: Matrix) -> np.ndarray:
     transform = np.array(matrix, np.float64)
     if np.array_equal(transform, np.eye(4)):
         return points
@@ -49,7 +49,7 @@ def read_strands(obj: bpy.types.Object) -> StrandSet:
         known = attribute.data_type in KINDS and attribute.name not in _NOT_CARRIED
         if known and not attribute.name.startswith("."):
             by_domain[attribute.domain][attribute.name] = read_attribute(attribute)
-    return StrandSet(_transformed(points, obj.matrix_world), offsets, by_domain["POINT"], by_domain["CURVE"])
+    return StrandSet(transformed(points, obj.matrix_world), offsets, by_domain["POINT"], by_domain["CURVE"])
 
 
 def new_curves(name: str, strands: StrandSet, matrix: Matrix | None = None) -> bpy.types.Curves:
@@ -59,7 +59,7 @@ def new_curves(name: str, strands: StrandSet, matrix: Matrix | None = None) -> b
         on_failure.callback(bpy.data.hair_curves.remove, curves)
         if strands.n_strands:
             curves.add_curves(strands.point_counts.tolist())
-            points = strands.points if matrix is None else _transformed(strands.points, matrix)
+            points = strands.points if matrix is None else transformed(strands.points, matrix)
             write_values(curves.position_data, "vector", points, np.float32, 3)
             curves.set_types(type="POLY")
             per_point, per_strand = dict(strands.point_attributes), dict(strands.strand_attributes)

@@ -11,9 +11,12 @@ from . import (
     cancel_job,
     clean_up,
     cluster_wisps,
+    comb,
     export_groom,
     extract_centers,
     import_groom,
+    play_strokes,
+    save_strokes,
     set_up_head,
     show_wisps,
     synthesize,
@@ -22,7 +25,7 @@ from . import (
 
 _MODULES = (
     add_head, set_up_head, import_groom, export_groom, add_starter_groom, attach_to_head, clean_up, cluster_wisps,
-    show_wisps, extract_centers, synthesize, cancel_job, warm_up,
+    show_wisps, extract_centers, synthesize, comb, play_strokes, save_strokes, cancel_job, warm_up,
 )  # fmt: skip
 
 register, unregister = bpy.utils.register_classes_factory([cls for module in _MODULES for cls in module.CLASSES])

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from . import menus, panels, presets
+from . import comb_panel, menus, panels, presets
 
-_PARTS = (presets, panels, menus)
+_PARTS = (presets, panels, comb_panel, menus)
 
 
 def register() -> None:

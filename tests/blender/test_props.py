@@ -35,6 +35,35 @@ def test_clean_up_defaults_are_those_of_the_backend():
     assert settings().clean_up.to_params() == as_json(scenes.module("backend.geometry.cleanup").CleanUpParams())
 
 
+def test_comb_defaults_are_those_of_the_backend():
+    """All but `mirror`, which Blender keeps with the Curves."""
+    params = as_json(scenes.module("backend.editing.strokes").CombParams())
+    assert params.pop("mirror") == [False, False, False]
+    assert settings().comb.to_params() == params
+
+
+def test_both_ends_of_every_range_of_the_comb_are_accepted():
+    build, comb = scenes.module("backend.editing.strokes").comb_params, settings().comb
+    for rna in comb.bl_rna.properties:
+        if rna.identifier in {"rna_type", "name"}:
+            continue
+        assert len(rna.description) > 20, rna.identifier
+        if rna.type not in {"INT", "FLOAT"}:
+            continue
+        usual = getattr(comb, rna.identifier)
+        usual = tuple(usual) if rna.is_array else usual
+        for end in (rna.hard_min, rna.hard_max, rna.soft_min, rna.soft_max):
+            setattr(comb, rna.identifier, [end] * 3 if rna.is_array else end)
+            build(comb.to_params())
+        setattr(comb, rna.identifier, usual)
+    for mode in comb.bl_rna.properties["mode"].enum_items:
+        comb.mode = mode.identifier
+        build(comb.to_params())
+    assert [mode.identifier for mode in comb.bl_rna.properties["mode"].enum_items] == list(
+        scenes.module("backend.editing.strokes").MODES
+    )
+
+
 def test_settings_become_params():
     synthesis = settings().synthesis
     synthesis.n_strands = 1234
