@@ -1,0 +1,305 @@
+"""Compiled loops of the comb's brush: which hair is under it, and carrying hair with its center strands."""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any
+
+import numba
+import numpy as np
+
+from ..kernels import device, inlined_device, parallel_kernel
+from ..types import Float32, Float64, Int32
+from ._deformation_kernels import walk
+from ._rotation_kernels import multiply, rotate
+
+
+@inlined_device
+def _to_pixels(m: Any, half: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Pixels of a world point, and its clip w; m (4, 4), half (2,) of the view's size."""
+    w = m[3, 0] * x + m[3, 1] * y + m[3, 2] * z + m[3, 3]
+    safe = w if w > 1e-9 else 1e-9
+    u = (m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3]) / safe
+    v = (m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3]) / safe
+    return (u + 1.0) * half[0], (v + 1.0) * half[1], w
+
+
+@inlined_device
+def _fade(distance: float, radius: float, hardness: float) -> float:
+    """1 up to `hardness` of the radius, then smoothly down to 0 at the radius."""
+    share = distance / radius
+    if share >= 1.0:
+        return 0.0
+    if share <= hardness:
+        return 1.0
+    t = (1.0 - share) / (1.0 - hardness)
+    return t * t * (3.0 - 2.0 * t)
+
+
+@parallel_kernel
+def front_depths(
+    points: Float32, offsets: Int32, members: Int32, starts: Int32, chosen: Int32,
+    matrix: Float64, half: Float64, forward: Float64, place: Float64, radius: float, depths: Float64,
+) -> None:  # fmt: skip
+    """depths (n,): the least depth along `forward` (3,) of the hair of each chosen wisp that the circle may touch.
+
+    A point counts if it lies no farther from the circle than from the point before it; inf where none does.
+    """
+    for a in numba.prange(len(chosen)):
+        least = np.inf
+        for m in range(starts[chosen[a]], starts[chosen[a] + 1]):
+            first = offsets[members[m]]
+            before_x = before_y = 0.0
+            for p in range(first, offsets[members[m] + 1]):
+                x, y, w = _to_pixels(matrix, half, points[p, 0], points[p, 1], points[p, 2])
+                reach = radius
+                if p > first:
+                    # at least the length of the segment on the screen
+                    reach += abs(x - before_x) + abs(y - before_y)
+                before_x, before_y = x, y
+                dx, dy = x - place[0], y - place[1]
+                if w <= 0.0 or dx * dx + dy * dy >= reach * reach:
+                    continue
+                depth = forward[0] * points[p, 0] + forward[1] * points[p, 1] + forward[2] * points[p, 2]
+                least = min(least, depth)
+        depths[a] = least
+
+
+@device
+def _touch_segment(
+    a: Any, b: Any, place_a: float, place_b: float, brush: Any, hardness: float, amount: float, row: Any
+) -> None:
+    """Enter the part of a projected segment that is nearest to the brush; a, b are x, y, w, depth."""
+    if a[2] <= 0.0 or b[2] <= 0.0:
+        return
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    square = dx * dx + dy * dy
+    t = 0.0
+    if square > 0.0:
+        t = ((brush[0] - a[0]) * dx + (brush[1] - a[1]) * dy) / square
+        t = min(max(t, 0.0), 1.0)
+    depth = a[3] + t * (b[3] - a[3])
+    if depth > brush[3]:
+        return
+    away = sqrt((a[0] + t * dx - brush[0]) ** 2 + (a[1] + t * dy - brush[1]) ** 2)
+    value = amount * _fade(away, brush[2], hardness)
+    if value > 0.0:
+        index = int(place_a + t * (place_b - place_a) + 0.5)
+        row[index] = max(row[index], value)
+
+
+@parallel_kernel
+def touch(
+    points: Float32, offsets: Int32, members: Int32, starts: Int32, places: Float32, chosen: Int32, amounts: Float32,
+    matrix: Float64, half: Float64, forward: Float64, brush: Float64, hardness: float, touched: Float64,
+) -> None:  # fmt: skip
+    """touched (n, N): how strongly the brush holds each sample of the chosen centers, through any hair of the wisp.
+
+    brush (4,): x, y and radius in pixels, and the largest depth that counts. amounts (S,): the selection.
+    """
+    for a in numba.prange(len(chosen)):
+        row = touched[a]
+        before, here = np.empty(4), np.empty(4)
+        for m in range(starts[chosen[a]], starts[chosen[a] + 1]):
+            strand = members[m]
+            if amounts[strand] <= 0.0:
+                continue
+            for p in range(offsets[strand], offsets[strand + 1]):
+                px, py, pz = points[p, 0], points[p, 1], points[p, 2]
+                here[0], here[1], here[2] = _to_pixels(matrix, half, px, py, pz)
+                here[3] = forward[0] * px + forward[1] * py + forward[2] * pz
+                if p > offsets[strand]:
+                    _touch_segment(before, here, places[p - 1], places[p], brush, hardness, amounts[strand], row)
+                before[:] = here
+        _fill_gaps(row)
+
+
+@device
+def _fill_gaps(row: Any) -> None:
+    """Samples between two held ones that no point of the hair belongs to are held as these are."""
+    n = row.shape[0]
+    last = -1
+    for i in range(n):
+        if row[i] <= 0.0:
+            continue
+        if 0 <= last < i - 1 and i - last <= max(2, n // 8):
+            for j in range(last + 1, i):
+                t = (j - last) / (i - last)
+                row[j] = (1.0 - t) * row[last] + t * row[i]
+        last = i
+
+
+@device
+def _point_turns(turns: Any, result: Any) -> None:
+    """Rotations at the points (N, 4) from those of the edges (N - 1, 4)."""
+    m = turns.shape[0]
+    result[0] = turns[0]
+    result[m] = turns[m - 1]
+    for i in range(1, m):
+        total = 0.0
+        for c in range(4):
+            result[i, c] = turns[i - 1, c] + turns[i, c]
+            total += result[i, c] ** 2
+        norm = sqrt(total)
+        if norm > 1e-9:
+            for c in range(4):
+                result[i, c] /= norm
+        else:
+            result[i] = turns[i]
+
+
+@parallel_kernel
+def carry(
+    strands: Int32, slots: Int32, offsets: Int32, places: Float32, rest_points: Float32, points: Float32,
+    amounts: Float32, rest_centers: Float64, centers: Float64, turns: Float64,
+    distance: Any, origin: Float64, cell: float, margin: float,
+) -> None:  # fmt: skip
+    """Bring the hair along: points (P, 3) of the given strands (n,) from where their centers (A, N, 3) are now.
+
+    slots (n,): the row of each strand's center. turns (A, N - 1, 4): rotations of the centers' edges since the rest.
+    Each point keeps its displacement from its center, turned with it (Wang et al. 2009, sec. 6; eq. 6); then each
+    strand gets its segment lengths back. amounts (S,): how much of the way each strand goes.
+    """
+    n_rows, n = centers.shape[0], centers.shape[1]
+    frames = np.empty((n_rows, n, 4))
+    for a in numba.prange(n_rows):
+        _point_turns(turns[a], frames[a])
+    for j in numba.prange(len(strands)):
+        strand, a = strands[j], slots[j]
+        first, count = offsets[strand], offsets[strand + 1] - offsets[strand]
+        path = np.empty((count, 3))
+        rest = np.empty((count, 3))
+        result = np.empty((count, 3))
+        turn = np.empty(4)
+        share = amounts[strand]
+        for i in range(count):
+            for c in range(3):
+                rest[i, c] = rest_points[first + i, c]
+            place = places[first + i]
+            k = min(int(place), n - 2)
+            t = place - k
+            total = 0.0
+            for c in range(4):
+                turn[c] = (1.0 - t) * frames[a, k, c] + t * frames[a, k + 1, c]
+                total += turn[c] ** 2
+            norm = 1.0 / sqrt(max(total, 1e-30))
+            for c in range(4):
+                turn[c] *= norm
+            bx = (1.0 - t) * rest_centers[a, k, 0] + t * rest_centers[a, k + 1, 0]
+            by = (1.0 - t) * rest_centers[a, k, 1] + t * rest_centers[a, k + 1, 1]
+            bz = (1.0 - t) * rest_centers[a, k, 2] + t * rest_centers[a, k + 1, 2]
+            dx, dy, dz = rotate(turn, rest[i, 0] - bx, rest[i, 1] - by, rest[i, 2] - bz)
+            path[i, 0] = (1.0 - t) * centers[a, k, 0] + t * centers[a, k + 1, 0] + dx
+            path[i, 1] = (1.0 - t) * centers[a, k, 1] + t * centers[a, k + 1, 1] + dy
+            path[i, 2] = (1.0 - t) * centers[a, k, 2] + t * centers[a, k + 1, 2] + dz
+            if share < 1.0:
+                for c in range(3):
+                    path[i, c] = rest[i, c] + share * (path[i, c] - rest[i, c])
+        path[0] = rest[0]
+        walk(path, rest, result, distance, origin, cell, margin)
+        for i in range(1, count):
+            for c in range(3):
+                points[first + i, c] = result[i, c]
+
+
+@parallel_kernel
+def turn_on(turns: Float64, steps: Float64, rows: Int32) -> None:
+    """turns[rows] (A, M, 4) become `steps` (n, M, 4) after what they were."""
+    for a in numba.prange(len(rows)):
+        for i in range(turns.shape[1]):
+            product = multiply(steps[a, i], turns[rows[a], i])
+            total = 0.0
+            for c in range(4):
+                total += product[c] * product[c]
+            norm = sqrt(total)
+            for c in range(4):
+                turns[rows[a], i, c] = product[c] / norm
+
+
+@parallel_kernel
+def set_lengths(strands: Int32, offsets: Int32, rest_points: Float32, points: Float32, ratios: Float64) -> None:
+    """Points (P, 3) of the given strands (n,): the curve of `rest_points` cut or grown to ratios (S,) of its length.
+
+    Beyond the tip the curve goes on as its own picture turned by half a turn about the tip's normal: a helix, an arc
+    and a line go on as what they are.
+    """
+    for j in numba.prange(len(strands)):
+        strand = strands[j]
+        first, count = offsets[strand], offsets[strand + 1] - offsets[strand]
+        if count < 2:
+            continue
+        reached = np.zeros(count)
+        for i in range(1, count):
+            square = 0.0
+            for c in range(3):
+                square += (rest_points[first + i, c] - rest_points[first + i - 1, c]) ** 2
+            reached[i] = reached[i - 1] + sqrt(square)
+        axis = np.empty(3)
+        _tip_normal(rest_points[first : first + count], axis)
+        length = reached[count - 1]
+        place = np.empty(3)
+        for i in range(1, count):
+            _continued(rest_points[first : first + count], reached, reached[i] * ratios[strand], length, axis, place)
+            for c in range(3):
+                points[first + i, c] = place[c]
+
+
+@device
+def _tip_normal(strand: Any, axis: Any) -> None:
+    """A unit vector at right angles to the last segment, towards where the strand bends near its tip."""
+    n = strand.shape[0]
+    step = max(1, (n - 1) // 16)
+    tangent = np.empty(3)
+    total = 0.0
+    for c in range(3):
+        tangent[c] = strand[n - 1, c] - strand[n - 2, c]
+        total += tangent[c] ** 2
+    norm = sqrt(max(total, 1e-30))
+    along = 0.0
+    middle, back = n - 1 - step, max(n - 1 - 2 * step, 0)
+    for c in range(3):
+        tangent[c] /= norm
+        axis[c] = np.float64(strand[n - 1, c]) - 2.0 * strand[middle, c] + strand[back, c] if n > 2 else 0.0
+        along += axis[c] * tangent[c]
+    total = 0.0
+    for c in range(3):
+        axis[c] -= along * tangent[c]
+        total += axis[c] ** 2
+    if total < 1e-16:
+        # a straight tip: any normal will do
+        least = 0
+        for c in range(1, 3):
+            if abs(tangent[c]) < abs(tangent[least]):
+                least = c
+        total = 0.0
+        for c in range(3):
+            axis[c] = (1.0 if c == least else 0.0) - tangent[least] * tangent[c]
+            total += axis[c] ** 2
+    norm = sqrt(total)
+    for c in range(3):
+        axis[c] /= norm
+
+
+@device
+def _continued(strand: Any, reached: Any, arc: float, length: float, axis: Any, out: Any) -> None:
+    """The point at arc length `arc`, at most twice the length, of the strand or its continuation."""
+    n = strand.shape[0]
+    if arc <= length:
+        _at_arc(strand, reached, arc, out)
+        return
+    _at_arc(strand, reached, max(2.0 * length - arc, 0.0), out)
+    along = 0.0
+    for c in range(3):
+        out[c] -= strand[n - 1, c]
+        along += out[c] * axis[c]
+    for c in range(3):
+        out[c] = strand[n - 1, c] + 2.0 * along * axis[c] - out[c]
+
+
+@device
+def _at_arc(strand: Any, reached: Any, arc: float, out: Any) -> None:
+    i = min(max(np.searchsorted(reached, arc), 1), len(reached) - 1)
+    step = reached[i] - reached[i - 1]
+    t = (arc - reached[i - 1]) / step if step > 0.0 else 0.0
+    for c in range(3):
+        out[c] = (1.0 - t) * strand[i - 1, c] + t * strand[i, c]

@@ -1,0 +1,298 @@
+"""Compiled loops of gradient-domain deformation (M-7). Strands (A, N, 3) float64; rotations are quaternions of edges."""
+
+from __future__ import annotations
+
+from math import cos, sin, sqrt
+from typing import Any
+
+import numba
+import numpy as np
+
+from ..kernels import device, parallel_kernel
+from ..types import Float64, Int32
+from ._collider_kernels import sample_distance, sample_gradient
+from ._rotation_kernels import multiply, rotate, turn_between
+
+_DIRECTIONS = 96  # tried by `_escape`
+_GOLDEN_ANGLE = 2.399963229728653
+FREE_WEIGHT = 1e-3  # trust in the direction of an edge that nothing pulls at
+
+
+@device
+def _solve_points(points: Any, turns: Any, edges: Any, targets: Any, weights: Any, upper: Any) -> None:
+    """Step (a): the points 2 .. N - 1 that best have the turned edges and the handles; Thomas' algorithm."""
+    n = points.shape[0]
+    for i in range(2, n):
+        before = rotate(turns[i - 1], edges[i - 1, 0], edges[i - 1, 1], edges[i - 1, 2])
+        diagonal = 1.0 + weights[i]
+        x, y, z = before[0], before[1], before[2]
+        if i < n - 1:
+            after = rotate(turns[i], edges[i, 0], edges[i, 1], edges[i, 2])
+            diagonal += 1.0
+            x -= after[0]
+            y -= after[1]
+            z -= after[2]
+        x += weights[i] * targets[i, 0] + points[i - 1, 0]
+        y += weights[i] * targets[i, 1] + points[i - 1, 1]
+        z += weights[i] * targets[i, 2] + points[i - 1, 2]
+        # points[i - 1] is the forward-eliminated row above (for i = 2 the fixed point 1), whose entry here is -1
+        if i > 2:
+            diagonal -= upper[i - 1]
+        upper[i] = 1.0 / diagonal
+        points[i, 0], points[i, 1], points[i, 2] = x / diagonal, y / diagonal, z / diagonal
+    for i in range(n - 2, 1, -1):
+        for c in range(3):
+            points[i, c] += upper[i] * points[i + 1, c]
+
+
+@device
+def _solve_turns(
+    points: Any, edges: Any, old: Any, new: Any, last_pull: int, stiffness: float, extra: Any, extra_weight: float
+) -> None:
+    """Step (b): rotations that follow the edges, change little along the strand, and agree with `extra` (M, 4) sums."""
+    m = edges.shape[0]
+    upper = np.empty(m)
+    for i in range(1, m):
+        turned = rotate(old[i], edges[i, 0], edges[i, 1], edges[i, 2])
+        dx, dy, dz = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1], points[i + 1, 2] - points[i, 2]
+        wanted = multiply(turn_between(turned[0], turned[1], turned[2], dx, dy, dz), old[i])
+        weight = 1.0 if i < last_pull else FREE_WEIGHT
+        diagonal = weight + stiffness + extra_weight
+        if i < m - 1:
+            diagonal += stiffness
+        # the row above is eliminated already; edge 0 is fixed, so it enters as it is
+        factor = stiffness
+        if i > 1:
+            diagonal -= stiffness * upper[i - 1]
+        upper[i] = stiffness / diagonal
+        for c in range(4):
+            new[i, c] = (weight * wanted[c] + extra[i, c] + factor * new[i - 1, c]) / diagonal
+    for i in range(m - 2, 0, -1):
+        for c in range(4):
+            new[i, c] += upper[i] * new[i + 1, c]
+    for i in range(1, m):
+        norm = sqrt(new[i, 0] ** 2 + new[i, 1] ** 2 + new[i, 2] ** 2 + new[i, 3] ** 2)
+        if norm > 1e-12:
+            for c in range(4):
+                new[i, c] /= norm
+        else:
+            new[i] = old[i]
+
+
+@device
+def _push_out(points: Any, rest: Any, distance: Any, origin: Any, cell: float, margin: float) -> None:
+    """Move points out of the collider; where the rest was inside it may stay as deep."""
+    for i in range(2, points.shape[0]):
+        now = sample_distance(distance, origin, cell, points[i, 0], points[i, 1], points[i, 2])
+        if now >= margin:
+            continue
+        limit = min(margin, sample_distance(distance, origin, cell, rest[i, 0], rest[i, 1], rest[i, 2]))
+        if now >= limit:
+            continue
+        gx, gy, gz = sample_gradient(distance, origin, cell, points[i, 0], points[i, 1], points[i, 2])
+        norm = sqrt(gx * gx + gy * gy + gz * gz)
+        if norm > 1e-6:
+            points[i, 0] += gx / norm * (limit - now)
+            points[i, 1] += gy / norm * (limit - now)
+            points[i, 2] += gz / norm * (limit - now)
+
+
+@parallel_kernel
+def relax(
+    points: Float64,
+    rest: Float64,
+    edges: Float64,
+    targets: Float64,
+    weights: Float64,
+    old: Float64,
+    new: Float64,
+    active: Int32,
+    slots: Int32,
+    offsets: Int32,
+    neighbours: Int32,
+    stiffness: float,
+    coupling: float,
+    hold: float,
+    distance: Any,
+    origin: Float64,
+    cell: float,
+    margin: float,
+) -> None:
+    """One alternation for A strands: points (A, N, 3) from rotations `old` (A, N - 1, 4), then `new` from the points.
+
+    active (A,) are the strands' numbers in the graph, slots its inverse (-1: not active). Strands with handles listen
+    to neighbours with handles only, others to all, and are held back to no rotation by `hold`.
+    """
+    n_strands, n = points.shape[0], points.shape[1]
+    for a in numba.prange(n_strands):
+        last_pull = 0
+        for i in range(n):
+            if weights[a, i] > 0.0:
+                last_pull = i
+        _solve_points(points[a], old[a], edges[a], targets[a], weights[a], np.empty(n))
+        if distance.size > 0:
+            _push_out(points[a], rest[a], distance, origin, cell, margin)
+        extra = np.zeros((n - 1, 4))
+        extra_weight = 0.0
+        if coupling > 0.0:
+            for j in range(offsets[active[a]], offsets[active[a] + 1]):
+                b = slots[neighbours[j]]
+                if b < 0 and last_pull > 0:
+                    continue
+                if b >= 0 and last_pull > 0 and not weights[b].any():
+                    continue
+                extra_weight += coupling
+                for i in range(1, n - 1):
+                    if b < 0:
+                        extra[i, 0] += coupling
+                        continue
+                    dot = 0.0
+                    for c in range(4):
+                        dot += old[a, i, c] * old[b, i, c]
+                    sign = coupling if dot >= 0.0 else -coupling
+                    for c in range(4):
+                        extra[i, c] += sign * old[b, i, c]
+            if last_pull == 0:
+                held = hold * extra_weight
+                extra_weight += held
+                for i in range(1, n - 1):
+                    extra[i, 0] += held
+        new[a, 0] = old[a, 0]
+        _solve_turns(points[a], edges[a], old[a], new[a], last_pull, stiffness, extra, extra_weight)
+
+
+@device
+def _ray_exit(path: Any, seg: int, x: Any, length: float, out: Any) -> None:
+    """The point of segment `seg` of the path at distance `length` from x, leaving the sphere."""
+    dx, dy, dz = path[seg + 1, 0] - path[seg, 0], path[seg + 1, 1] - path[seg, 1], path[seg + 1, 2] - path[seg, 2]
+    ox, oy, oz = path[seg, 0] - x[0], path[seg, 1] - x[1], path[seg, 2] - x[2]
+    a = dx * dx + dy * dy + dz * dz
+    b = ox * dx + oy * dy + oz * dz
+    c = ox * ox + oy * oy + oz * oz - length * length
+    root = sqrt(max(b * b - a * c, 0.0))
+    t = (root - b) / a if a > 0.0 else 1.0
+    t = min(max(t, 0.0), 1.0)
+    out[0], out[1], out[2] = path[seg, 0] + t * dx, path[seg, 1] + t * dy, path[seg, 2] + t * dz
+
+
+@device
+def _step_towards(x: Any, aim: Any, fallback: Any, length: float, out: Any) -> None:
+    """The point at distance `length` from x in the direction of `aim`, or of the vector `fallback` if that is x."""
+    dx, dy, dz = aim[0] - x[0], aim[1] - x[1], aim[2] - x[2]
+    norm = sqrt(dx * dx + dy * dy + dz * dz)
+    if norm < 1e-12:
+        dx, dy, dz = fallback[0], fallback[1], fallback[2]
+        norm = sqrt(dx * dx + dy * dy + dz * dz)
+        if norm < 1e-12:
+            dx, norm = 1.0, 1.0
+    out[0], out[1], out[2] = x[0] + length * dx / norm, x[1] + length * dy / norm, x[2] + length * dz / norm
+
+
+@device
+def walk(path: Any, rest: Any, out: Any, distance: Any, origin: Any, cell: float, margin: float) -> None:
+    """A strand on `path` (n, 3) with the segment lengths of `rest` (n, 3) and outside the collider.
+
+    Like dividers set to each length: the next point is where the path first leaves the sphere around this one, so the
+    strand keeps to its path and only slides along it. Beyond the end it goes on straight. A point pushed out of the
+    collider turns about the one before it, so that lengths stay.
+    """
+    n = path.shape[0]
+    out[0] = path[0]
+    seg = 0
+    ahead = np.empty(3)
+    for i in range(1, n):
+        lx, ly, lz = rest[i, 0] - rest[i - 1, 0], rest[i, 1] - rest[i - 1, 1], rest[i, 2] - rest[i - 1, 2]
+        length = sqrt(lx * lx + ly * ly + lz * lz)
+        x = out[i - 1]
+        if length == 0.0:
+            out[i] = x
+            continue
+        found = False
+        while seg < n - 1:
+            b = path[seg + 1]
+            if (b[0] - x[0]) ** 2 + (b[1] - x[1]) ** 2 + (b[2] - x[2]) ** 2 >= length * length:
+                found = True
+                break
+            seg += 1
+        if found:
+            _ray_exit(path, seg, x, length, ahead)
+        else:
+            for c in range(3):
+                ahead[c] = x[c] + path[n - 1, c] - path[n - 2, c]
+        _step_towards(x, ahead, path[n - 1] - path[n - 2], length, out[i])
+        if distance.size > 0:
+            _slide_out(out[i], x, rest[i], length, distance, origin, cell, margin)
+
+
+@device
+def _slide_out(
+    y: Any, x: Any, rest: Any, length: float, distance: Any, origin: Any, cell: float, margin: float
+) -> None:
+    """Turn y about x until it is outside the collider (or as deep as `rest` was)."""
+    limit = margin
+    for attempt in range(8):
+        now = sample_distance(distance, origin, cell, y[0], y[1], y[2])
+        if attempt == 0:
+            if now >= margin:
+                return
+            limit = min(margin, sample_distance(distance, origin, cell, rest[0], rest[1], rest[2]))
+        if now >= limit - 1e-6:
+            return
+        gx, gy, gz = sample_gradient(distance, origin, cell, y[0], y[1], y[2])
+        norm = sqrt(gx * gx + gy * gy + gz * gz)
+        if norm < 1e-6:
+            return
+        # further than the surface: turning back to the length takes some of it again
+        push = 1.2 * (limit - now) / norm
+        aim = np.array((y[0] + gx * push, y[1] + gy * push, y[2] + gz * push))
+        _step_towards(x, aim, np.array((gx, gy, gz)), length, y)
+    if sample_distance(distance, origin, cell, y[0], y[1], y[2]) < limit - 1e-6:
+        _escape(y, x, length, distance, origin, cell, limit)
+
+
+@device
+def _escape(y: Any, x: Any, length: float, distance: Any, origin: Any, cell: float, limit: float) -> None:
+    """Turn y about x to the nearest of many directions that is free; in a fold of the surface gradients go to and fro.
+
+    If none is free, the one that is least deep.
+    """
+    ux, uy, uz = (y[0] - x[0]) / length, (y[1] - x[1]) / length, (y[2] - x[2]) / length
+    best, nearest, deepest = np.empty(3), -2.0, -np.inf
+    for i in range(_DIRECTIONS):
+        # a spiral over the sphere: even, and the same on every machine
+        h = 1.0 - (2.0 * i + 1.0) / _DIRECTIONS
+        r, angle = sqrt(1.0 - h * h), i * _GOLDEN_ANGLE
+        vx, vy, vz = r * cos(angle), r * sin(angle), h
+        here = sample_distance(distance, origin, cell, x[0] + length * vx, x[1] + length * vy, x[2] + length * vz)
+        turn = ux * vx + uy * vy + uz * vz
+        is_better = turn > nearest if here >= limit else nearest == -2.0 and here > deepest
+        if is_better:
+            best[0], best[1], best[2] = vx, vy, vz
+            if here >= limit:
+                nearest = turn
+            deepest = here
+    for c in range(3):
+        y[c] = x[c] + length * best[c]
+
+
+@parallel_kernel
+def settle(
+    points: Float64, rest: Float64, edges: Float64, turns: Float64,
+    distance: Any, origin: Float64, cell: float, margin: float,
+) -> None:  # fmt: skip
+    """Give strands (A, N, 3) back their lengths (`edges`) in place, and turn `turns` (A, N - 1, 4) to the new edges."""
+    n = points.shape[1]
+    for a in numba.prange(points.shape[0]):
+        path = points[a].copy()
+        walk(path, rest[a], points[a], distance, origin, cell, margin)
+        for i in range(1, n - 1):
+            turned = rotate(turns[a, i], edges[a, i, 0], edges[a, i, 1], edges[a, i, 2])
+            turn = turn_between(
+                turned[0], turned[1], turned[2],
+                points[a, i + 1, 0] - points[a, i, 0],
+                points[a, i + 1, 1] - points[a, i, 1],
+                points[a, i + 1, 2] - points[a, i, 2],
+            )  # fmt: skip
+            result = multiply(turn, turns[a, i])
+            for c in range(4):
+                turns[a, i, c] = result[c]
