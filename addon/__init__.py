@@ -5,9 +5,22 @@ Nothing heavy is imported here; `lazy` is the door to the backend and to the mod
 
 from __future__ import annotations
 
-from . import assets, comb_cache, detail_library, detail_settings, jobs, ops, prefs, props, tools, ui, warmup
+from . import (
+    assets,
+    comb_cache,
+    detail_library,
+    detail_settings,
+    jobs,
+    live_details,
+    ops,
+    prefs,
+    props,
+    tools,
+    ui,
+    warmup,
+)
 
-_PARTS = (jobs, props, detail_settings, ops, tools, ui, comb_cache, prefs, assets, detail_library, warmup)
+_PARTS = (jobs, props, detail_settings, live_details, ops, tools, ui, comb_cache, prefs, assets, detail_library, warmup)
 
 
 def register() -> None:

@@ -22,6 +22,12 @@ def wisp_material() -> bpy.types.Material:
     return _material(WISPS, _wisp_nodes, (0.8, 0.8, 0.8, 1.0))
 
 
+def material_of(groom: bpy.types.Object) -> bpy.types.Material:
+    """The first material of a groom; the hair material where it has none or shows wisps."""
+    used = groom.data.materials[0] if groom.data.materials else None
+    return used if used is not None and used.name != WISPS else hair_material()
+
+
 def _material(
     name: str, add_nodes: Callable[[bpy.types.NodeTree], None], viewport_color: tuple[float, ...]
 ) -> bpy.types.Material:

@@ -27,6 +27,10 @@ def _add(digest: Any, value: Any) -> None:
         for name in sorted(value):
             digest.update(name.encode())
             _add(digest, value[name])
+    elif isinstance(value, tuple | list):
+        digest.update(f"{type(value).__name__}{len(value)}".encode())
+        for item in value:
+            _add(digest, item)
     elif is_dataclass(value):
         for field in fields(value):
             _add(digest, getattr(value, field.name))

@@ -7,6 +7,7 @@ import bpy
 from . import (
     add_head,
     add_starter_groom,
+    apply_detail,
     attach_to_head,
     cancel_job,
     clean_up,
@@ -16,16 +17,20 @@ from . import (
     extract_centers,
     import_groom,
     play_strokes,
+    save_detail,
     save_strokes,
     set_up_head,
     show_wisps,
     synthesize,
+    transfer_details,
+    update_details,
     warm_up,
 )
 
 _MODULES = (
     add_head, set_up_head, import_groom, export_groom, add_starter_groom, attach_to_head, clean_up, cluster_wisps,
-    show_wisps, extract_centers, synthesize, comb, play_strokes, save_strokes, cancel_job, warm_up,
+    show_wisps, extract_centers, synthesize, comb, play_strokes, save_strokes, transfer_details,
+    update_details, save_detail, apply_detail, cancel_job, warm_up,
 )  # fmt: skip
 
 register, unregister = bpy.utils.register_classes_factory([cls for module in _MODULES for cls in module.CLASSES])

@@ -36,14 +36,9 @@ class HAIRLOOM_OT_synthesize(JobOperator, bpy.types.Operator):
         strands = lazy.bridge("inputs").with_radius_of(example, outputs["strands"])
         obj = curves.new_object(f"{example.name} New", strands, context.collection)
         lazy.bridge("attachment").attach_at(obj, head, outputs["surface_triangle"], outputs["surface_barycentric"])
-        obj.data.materials.append(_material_of(example))
+        obj.data.materials.append(material.material_of(example))
         scene.select_only(context, obj)
         return f"{obj.name}: {strands.n_strands:,} strands{_alikeness(outputs['report'])}"
-
-
-def _material_of(example: bpy.types.Object) -> bpy.types.Material:
-    used = example.data.materials[0] if example.data.materials else None
-    return used if used is not None and used.name != material.WISPS else material.hair_material()
 
 
 def _alikeness(report: dict[str, Any]) -> str:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from . import comb_panel, menus, panels, presets
+from . import comb_panel, menus, panels, presets, transfer_panel
 
-_PARTS = (presets, panels, comb_panel, menus)
+_PARTS = (presets, panels, comb_panel, transfer_panel, menus)
 
 
 def register() -> None:
