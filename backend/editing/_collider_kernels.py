@@ -6,12 +6,13 @@ nodes the distance is trilinear; the sums are in float64. Outside the grid's box
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numba
 
-from ..kernels import inlined_device, parallel_kernel
-from ..types import Float32, Float64
+from ..kernels import inlined_device, kernel, parallel_kernel
+from ..types import Bools, Float32, Float64
 
 FAR_OUTSIDE = 1e9  # metres
 
@@ -74,3 +75,30 @@ def sample_gradients(distance: Float32, origin: Float64, cell: float, points: Fl
         gradients[i, 0], gradients[i, 1], gradients[i, 2] = sample_gradient(
             distance, origin, cell, points[i, 0], points[i, 1], points[i, 2]
         )
+
+
+@kernel
+def mark_crossed_cells(corners: Float64, near: Bools) -> None:
+    """Mark in near (X, Y, Z) the 8 nodes of each cell that triangles with corners (m, 3, 3), in cells, pass through.
+
+    Those that a triangle's plane crosses within its bounding box: all that it passes through and few others.
+    """
+    low, high = [0, 0, 0], [0, 0, 0]
+    for t in range(len(corners)):
+        for axis in range(3):
+            p, q, r = corners[t, 0, axis], corners[t, 1, axis], corners[t, 2, axis]
+            last = near.shape[axis] - 2
+            # clipped as numbers, since a triangle may lie farther off than integers reach
+            low[axis] = math.floor(min(max(min(p, q, r), 0.0), last + 1.0))
+            high[axis] = math.floor(min(max(max(p, q, r), -1.0), float(last)))
+        ux, uy, uz = corners[t, 1] - corners[t, 0]
+        vx, vy, vz = corners[t, 2] - corners[t, 0]
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        # half a cell's extent along the normal, and a little for rounding
+        reach = (0.5 + 1e-9) * (abs(nx) + abs(ny) + abs(nz))
+        for i in range(low[0], high[0] + 1):
+            for j in range(low[1], high[1] + 1):
+                first = nx * (i + 0.5 - corners[t, 0, 0]) + ny * (j + 0.5 - corners[t, 0, 1]) - nz * corners[t, 0, 2]
+                for k in range(low[2], high[2] + 1):
+                    if abs(first + nz * (k + 0.5)) <= reach:
+                        near[i : i + 2, j : j + 2, k : k + 2] = True

@@ -19,15 +19,15 @@ from scipy import ndimage
 from ..errors import require
 from ..geometry.head import boundary_fans
 from ..geometry.scalp_region import weld
-from ..types import Bools, Float32, Float64, Floats, Head
-from ._collider_kernels import FAR_OUTSIDE, sample_distances, sample_gradients
+from ..types import Float32, Float64, Floats, Head
+from ._collider_kernels import FAR_OUTSIDE, mark_crossed_cells, sample_distances, sample_gradients
 
 __all__ = ["FAR_OUTSIDE", "Collider", "build_collider"]
 
 Indices = NDArray[np.int64]
 
 # Cells along the scalp, or along the whole box where no mesh has one: a scalp's distance is then 0.05 mm right.
-_CELLS_ALONG_SCALP = 80
+_CELLS_ALONG_SCALP = 72
 _CELLS_ALONG_BOX = 160
 _MARGIN = 4  # cells between the surface and the end of the grid; more than one, so that the outside is in the grid
 _STRIDE = 4  # the nodes far from the surface are interpolated between every 4th
@@ -78,7 +78,7 @@ def build_collider(meshes: Sequence[Head], *, cell: float | None = None, around:
     Parameters
     ----------
     meshes : one or more, world space, metres. Of the scalp only the size is used, for the default cell.
-    cell : metres; None for 1/80 of the scalp's longest side (1/160 of the box's without a scalp), more if the grid
+    cell : metres; None for 1/72 of the scalp's longest side (1/160 of the box's without a scalp), more if the grid
         would have over 3 million nodes.
     around : (n, 3) float, metres, world space: only the part of the meshes in the box of these points is covered. Give
         the places that hair may come to: beyond the grid everything counts as far outside.
@@ -224,7 +224,9 @@ def _signed_distance(solid: _Solid, origin: Float64, cell: float, shape: tuple[i
         squares, _, _ = tree.squared_distance(solid.vertices, solid.triangles, origin + cell * nodes)
         return np.asarray(np.sqrt(np.atleast_1d(squares)))
 
-    near = np.flatnonzero(_nodes_near(solid, origin, cell, shape))
+    in_crossed_cell = np.zeros(shape, np.bool_)
+    mark_crossed_cells((solid.vertices[solid.triangles] - origin) / cell, in_crossed_cell)
+    near = np.flatnonzero(in_crossed_cell)
     near_distance = unsigned(_nodes(near, shape))
     sign = _signs(solid, origin, cell, near, near_distance, shape)
     every = slice(None, None, _STRIDE)
@@ -249,50 +251,6 @@ def _between(coarse: Float32) -> Float32:
         stack = np.stack(parts, axis=1).reshape(-1, *ends.shape[1:])
         values = np.moveaxis(np.concatenate([stack, ends[-1:]]), 0, axis)
     return np.ascontiguousarray(values)
-
-
-def _nodes_near(solid: _Solid, origin: Float64, cell: float, shape: tuple[int, int, int]) -> Bools:
-    """(X, Y, Z) bool: at least the corners of all cells that the surface passes through, and of few others."""
-    middles = _split(((solid.vertices[solid.triangles] - origin) / cell).astype(np.float32), shape)
-    # two cells more on each side, for surface beyond the grid
-    marked = np.zeros([n + 4 for n in shape], np.bool_)
-    cells = np.floor(middles).astype(np.int64) + 2
-    inside = ((cells >= 0) & (cells < marked.shape)).all(axis=1)
-    marked[tuple(cells[inside].T)] = True
-    for axis in range(3):
-        # surface is at most 1 cell from the middle of its triangle; the nodes of cell i are i and i + 1
-        grown = marked.copy()
-        along, result = np.moveaxis(marked, axis, 0), np.moveaxis(grown, axis, 0)
-        result[:-1] |= along[1:]
-        result[1:] |= along[:-1]
-        result[2:] |= along[:-2]
-        marked = grown
-    return marked[2:-2, 2:-2, 2:-2]
-
-
-def _split(corners: Float32, shape: tuple[int, int, int]) -> Float32:
-    """(n, 3) float32: the middles of the triangles (m, 3, 3), in cells, split until they are 1.5 cells long.
-
-    Then no point of a triangle is farther than 1 (two thirds of a median) from its middle. Triangles off the grid are
-    left out on the way, so that a large mesh does not cost more than its part of the grid.
-    """
-    longest = 1.5
-    done = []
-    while len(corners) > 0:
-        on_grid = (corners.max(axis=1) > -2.0).all(axis=1) & (corners.min(axis=1) < np.array(shape) + 1.0).all(axis=1)
-        corners = corners[on_grid]
-        sides = corners - np.roll(corners, -1, axis=1)
-        squares = np.einsum("fkc,fkc->fk", sides, sides)
-        small = squares.max(axis=1) <= longest**2
-        done.append(corners[small].mean(axis=1))
-        corners, side = corners[~small], squares[~small].argmax(axis=1)
-        rows = np.arange(len(corners))
-        start, end = corners[rows, side], corners[rows, (side + 1) % 3]
-        tip = corners[rows, (side + 2) % 3]
-        middle = 0.5 * (start + end)
-        halves = [np.stack([start, middle, tip], axis=1), np.stack([middle, end, tip], axis=1)]
-        corners = np.concatenate(halves)
-    return np.concatenate(done) if done else np.empty((0, 3), np.float32)
 
 
 def _signs(
