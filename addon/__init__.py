@@ -12,6 +12,7 @@ from . import (
     detail_settings,
     jobs,
     live_details,
+    live_flow,
     ops,
     prefs,
     props,
@@ -20,7 +21,10 @@ from . import (
     warmup,
 )
 
-_PARTS = (jobs, props, detail_settings, live_details, ops, tools, ui, comb_cache, prefs, assets, detail_library, warmup)
+_PARTS = (
+    jobs, props, detail_settings, live_details, live_flow, ops, tools, ui, comb_cache, prefs, assets, detail_library,
+    warmup,
+)  # fmt: skip
 
 
 def register() -> None:

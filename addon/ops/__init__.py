@@ -8,6 +8,7 @@ from . import (
     add_head,
     add_starter_groom,
     apply_detail,
+    apply_flow,
     attach_to_head,
     cancel_job,
     clean_up,
@@ -15,6 +16,7 @@ from . import (
     comb,
     export_groom,
     extract_centers,
+    extract_flow,
     import_groom,
     play_strokes,
     save_detail,
@@ -29,8 +31,8 @@ from . import (
 
 _MODULES = (
     add_head, set_up_head, import_groom, export_groom, add_starter_groom, attach_to_head, clean_up, cluster_wisps,
-    show_wisps, extract_centers, synthesize, comb, play_strokes, save_strokes, transfer_details,
-    update_details, save_detail, apply_detail, cancel_job, warm_up,
+    show_wisps, extract_centers, extract_flow, apply_flow, synthesize, comb, play_strokes, save_strokes,
+    transfer_details, update_details, save_detail, apply_detail, cancel_job, warm_up,
 )  # fmt: skip
 
 register, unregister = bpy.utils.register_classes_factory([cls for module in _MODULES for cls in module.CLASSES])
