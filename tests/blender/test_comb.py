@@ -369,6 +369,25 @@ def test_a_stroke_that_is_not_recorded_leaves_no_trace(clustered):
     assert list(clustered.data.keys()) == []
 
 
+def test_the_command_line_gives_the_same_bytes(clustered, tmp_path, capsys):
+    cli = scenes.module("backend.cli")
+    with pytest.raises(SystemExit):
+        cli.build_parser().parse_args(["--help"])
+    if " comb " not in capsys.readouterr().out:
+        pytest.skip("`hairloom comb` is not there yet")
+    groom, out = str(tmp_path / "hair.npz"), tmp_path / "combed.npz"
+    assert bpy.ops.hairloom.export_groom(filepath=groom) == {"FINISHED"}
+    bpy.context.scene.hairloom.comb.record = True
+    bpy.context.scene.hairloom.comb.collide = False
+    for mode in ("comb", "lift", "smooth"):
+        bpy.ops.hairloom.comb(stroke=across(clustered, mode=mode))
+    strokes = str(tmp_path / "strokes.json")
+    bpy.ops.hairloom.save_strokes(filepath=strokes)
+    assert cli.main(["comb", groom, strokes, str(out)]) == 0
+    combed = scenes.module("backend.io.strands").read_strands(out)
+    assert combed.points.tobytes() == scenes.positions(clustered).tobytes()
+
+
 # --- refused -------------------------------------------------------------------------------------------------------
 
 

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 import traceback
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 
 import bpy
@@ -62,6 +62,20 @@ class User:
         self.event(kind, "RELEASE", **modifiers)
         yield 0.3
 
+    def drag(self, places: Sequence[tuple[float, float]], release: bool = True, **modifiers: bool) -> Steps:
+        """Press at the first place, move through all of them, and release at the last."""
+        self.move(*places[0])
+        yield 0.1
+        self.event("LEFTMOUSE", "PRESS", **modifiers)
+        yield 0.1
+        for place in places[1:]:
+            self.move(*place)
+            yield 0.02
+        yield 0.2
+        if release:
+            self.event("LEFTMOUSE", "RELEASE", **modifiers)
+            yield 0.3
+
     def into_view(self) -> Steps:
         """Put the mouse in the middle of the 3D view, where shortcuts act."""
         region = self.region()
@@ -80,9 +94,28 @@ class User:
 
     def find_button(self, command: str) -> Steps:
         """Look down the sidebar for the button of an operator; its place is `found`, with no pixel known beforehand."""
+        seen: list[str] = []
+        # where the sidebar stands now, then from its top down, half a page at a time
+        for turns in (0, -60, 6, 6, 6, 6):
+            yield self._turn_wheel(turns)
+            yield self._look_for(command, seen)
+            if command in self.hovered():
+                return
+        raise AssertionError(f"no button {command} in the sidebar; there are {sorted(set(seen))}")
+
+    def _turn_wheel(self, turns: int) -> Steps:
+        """Scroll the sidebar, down for positive numbers."""
+        region = self.region("UI")
+        self.move(region.x + region.width * 0.5, region.y + region.height * 0.5)
+        yield 0.1
+        for _ in range(abs(turns)):
+            self.event("WHEELDOWNMOUSE" if turns > 0 else "WHEELUPMOUSE", "PRESS")
+            yield 0.02
+        yield 0.3 if turns else 0.0
+
+    def _look_for(self, command: str, seen: list[str]) -> Steps:
         yield self.into_view()
         region = self.region("UI")
-        seen: list[str] = []
         rows = range(region.y + region.height - 4, region.y, -7)
         # the middle finds what is as wide as the panel, the second column the small buttons at its right end
         for across, y in itertools.product((0.5, 0.82), rows):
@@ -96,7 +129,6 @@ class User:
             if command in self.hovered():  # still so once Blender has taken in every move
                 self.found = (self.place[0], y - 3)
                 return
-        raise AssertionError(f"no button {command} in the sidebar; there are {sorted(set(seen))}")
 
     def press(self, command: str) -> Steps:
         """Find the button and click on it."""

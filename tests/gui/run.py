@@ -1,10 +1,11 @@
-"""Drive a real Blender window: install the zip, open the panel, synthesize, undo, cancel.
+"""Drive a real Blender window: install the zip, then do what users do, with simulated events.
 
-    python tests/gui/run.py BLENDER
+    python tests/gui/run.py BLENDER [SESSION ...]      sessions by name, such as comb_session; all of them without any
 
-Builds the zip for that Blender (or takes the one in HAIRLOOM_ZIP), installs it in a scratch user folder and runs
-`session.py` in a window with simulated events. Screenshots are kept in tests/gui/out/; docs/pictures/panel.png is a
-copy of synthesized.png. Without a screen of its own, the Blender must bring one, as shared/tools/blender-gui does.
+Builds the zip for that Blender (or takes the one in HAIRLOOM_ZIP), installs it in a scratch user folder and runs the
+sessions, each in a window of its own. Screenshots are kept in tests/gui/out/; those in docs/pictures that `PICTURES`
+names are copied there with --pictures. Without a screen of its own, the Blender must bring one, as
+shared/tools/blender-gui does.
 """
 
 from __future__ import annotations
@@ -22,6 +23,18 @@ OUT = HERE / "out"
 LIMIT_SECONDS = 1800  # compiling the kernels on a busy machine and drawing in software included
 
 
+# the first one compiles the kernels, as a new user's Blender does
+SESSIONS = ("session", "comb_session", "sintel_session")
+# what docs/pictures keeps of the screenshots
+PICTURES = {
+    "synthesized": "panel",
+    "comb_before": "comb_before",
+    "comb_after": "comb_after",
+    "sintel_before": "comb_sintel_before",
+    "sintel_after": "comb_sintel_after",
+}
+
+
 def build_zip(blender: str) -> Path:
     sys.path.insert(0, str(ROOT))
     import build_addon
@@ -29,8 +42,30 @@ def build_zip(blender: str) -> Path:
     return build_addon.build_for(blender)
 
 
+def run_sessions(blender: str, package: Path, sessions: list[str]) -> dict[str, int]:
+    """Exit status of each session."""
+    with tempfile.TemporaryDirectory() as scratch:
+        env = {**os.environ, "BLENDER_USER_RESOURCES": scratch, "BLENDER_LIMIT": str(LIMIT_SECONDS)}
+        env["HAIRLOOM_GUI_OUT"] = str(OUT)
+        install = [blender, "--command", "extension", "install-file", "-r", "user_default", "-e", str(package)]
+        subprocess.run(install, env=env, check=True, timeout=LIMIT_SECONDS)
+        window = ["--no-window-focus", "--window-geometry", "0", "0", "1600", "900", "--enable-event-simulate"]
+        found = {}
+        for session in sessions:
+            command = [blender, *window, "--python-exit-code", "1", "--python", str(HERE / f"{session}.py")]
+            found[session] = subprocess.run(command, env=env, timeout=2 * LIMIT_SECONDS).returncode
+    return found
+
+
+def keep_pictures() -> None:
+    for name, kept in PICTURES.items():
+        if (OUT / f"{name}.png").is_file():
+            shutil.copy(OUT / f"{name}.png", ROOT / "docs" / "pictures" / f"{kept}.png")
+
+
 def main(arguments: list[str]) -> int:
-    if len(arguments) != 1:
+    sessions = [name for name in arguments[1:] if name != "--pictures"] or list(SESSIONS)
+    if not arguments or not set(sessions) <= set(SESSIONS):
         print(__doc__, file=sys.stderr)
         return 2
     blender = arguments[0]
@@ -40,16 +75,12 @@ def main(arguments: list[str]) -> int:
         return 2
     shutil.rmtree(OUT, ignore_errors=True)
     OUT.mkdir()
-    with tempfile.TemporaryDirectory() as scratch:
-        env = {**os.environ, "BLENDER_USER_RESOURCES": scratch, "BLENDER_LIMIT": str(LIMIT_SECONDS)}
-        env["HAIRLOOM_GUI_OUT"] = str(OUT)
-        install = [blender, "--command", "extension", "install-file", "-r", "user_default", "-e", str(package)]
-        subprocess.run(install, env=env, check=True, timeout=LIMIT_SECONDS)
-        window = ["--no-window-focus", "--window-geometry", "0", "0", "1600", "900", "--enable-event-simulate"]
-        session = [blender, *window, "--python-exit-code", "1", "--python", str(HERE / "session.py")]
-        status = subprocess.run(session, env=env, timeout=2 * LIMIT_SECONDS).returncode
-    print(f"tests/gui: {'passed' if status == 0 else 'FAILED'}; screenshots in {OUT}")
-    return status
+    found = run_sessions(blender, package, sessions)
+    if "--pictures" in arguments:
+        keep_pictures()
+    words = ", ".join(f"{session} {'passed' if status == 0 else 'FAILED'}" for session, status in found.items())
+    print(f"tests/gui: {words}; screenshots in {OUT}")
+    return max(found.values())
 
 
 if __name__ == "__main__":

@@ -1,0 +1,246 @@
+"""The comb in Blender's window: drags, undo and redo, Esc, symmetry, radius by F, every mode; run by run.py."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE), str(HERE.parent / "blender")]
+
+import bpy  # noqa: E402
+import driver  # noqa: E402
+import numpy as np  # noqa: E402
+import scenes  # noqa: E402
+import stage  # noqa: E402
+from combing import check_strands, hair, lengths, moved, offsets, on_screen, positions, settings, world  # noqa: E402
+from mathutils import Euler, Matrix, Vector  # noqa: E402
+
+LIMIT_SECONDS = 1500
+TOOL = "hairloom.comb_tool"
+
+
+def active_tool(mode: str) -> str:
+    return bpy.context.workspace.tools.from_space_view3d_mode(mode).idname
+
+
+def path(user: driver.User, across: float = 0.0, length: float = 160.0, steps: int = 16) -> list[tuple[float, float]]:
+    """A drag downwards and outwards over the hair, `across` pixels beside its middle."""
+    middle = np.median(on_screen(user, world()), axis=0) + np.array([across, 60.0])
+    way = np.linspace(0.0, 1.0, steps)[:, None] * np.array([length * (1 if across >= 0 else -1), -0.25 * length])
+    return [(float(x), float(y)) for x, y in middle + way]
+
+
+def prepare(user: driver.User) -> driver.Steps:
+    yield from stage.set_the_scene(user)
+    with user.override():
+        assert bpy.ops.hairloom.cluster_wisps() == {"FINISHED"}
+        bpy.ops.ed.undo_push(message="Cluster")
+    yield 0.5
+
+
+def the_button_activates_the_tool(user: driver.User) -> driver.Steps:
+    assert active_tool("OBJECT") != TOOL
+    yield from user.press("bpy.ops.wm.tool_set_by_id(")
+    assert active_tool("OBJECT") == TOOL
+    yield from user.into_view()
+
+
+def a_drag_combs_and_undo_and_redo_are_exact(user: driver.User) -> driver.Steps:
+    before = positions()
+    yield from user.picture("comb_before")
+    yield from user.drag(path(user))
+    after = positions()
+    assert (moved(before, after) > 1e-3).sum() > 100, "the drag combed nothing"
+    check_strands(before, after)
+    yield from user.picture("comb_after")
+    yield from user.key("Z", ctrl=True)
+    assert positions().tobytes() == before.tobytes(), "one Ctrl-Z does not lead back"
+    yield from user.key("Z", ctrl=True, shift=True)
+    assert positions().tobytes() == after.tobytes(), "redo does not lead forth"
+    yield from user.key("Z", ctrl=True)
+
+
+def escape_puts_the_hair_back(user: driver.User) -> driver.Steps:
+    before = positions()
+    yield from user.drag(path(user), release=False)
+    assert moved(before, positions()).max() > 1e-3, "nothing moved before Esc"
+    yield from user.picture("comb_running")
+    yield from user.key("ESC")
+    assert positions().tobytes() == before.tobytes(), "Esc does not put every point back"
+    user.event("LEFTMOUSE", "RELEASE")
+    yield 0.2
+    # no undo step was left behind: the next one leads back to the unclustered groom
+    yield from user.drag(path(user), release=False)
+    user.event("RIGHTMOUSE", "PRESS")
+    yield 0.2
+    user.event("RIGHTMOUSE", "RELEASE")
+    user.event("LEFTMOUSE", "RELEASE")
+    yield 0.3
+    assert positions().tobytes() == before.tobytes(), "the right mouse button does not put every point back"
+
+
+def a_click_makes_no_undo_step(user: driver.User) -> driver.Steps:
+    yield from user.drag(path(user))
+    combed = positions()
+    yield from user.click(*path(user)[0])
+    assert positions().tobytes() == combed.tobytes()
+    yield from user.key("Z", ctrl=True)
+    assert positions().tobytes() != combed.tobytes(), "the click has an undo step of its own"
+
+
+def live_and_replayed_are_the_same_bytes(user: driver.User) -> driver.Steps:
+    """On an object that is turned and scaled, where world space is not its own."""
+    for matrix in (Matrix(), Matrix.LocRotScale(Vector((0.01, 0.02, 0)), Euler((0, 0, 0.2)), Vector((1.05, 1, 0.95)))):
+        hair().matrix_world = matrix
+        yield 0.3
+        with user.override():
+            bpy.ops.ed.undo_push(message="Place")
+        before = positions()
+        yield from user.drag(path(user, across=-40))
+        live = positions().tobytes()
+        assert live != before.tobytes()
+        stroke = bpy.context.window_manager.operators[-1].stroke
+        assert len(stroke) > 500, "the stroke is not among the operator's properties"
+        yield from user.key("Z", ctrl=True)
+        assert positions().tobytes() == before.tobytes()
+        with user.override():
+            assert bpy.ops.hairloom.comb("EXEC_DEFAULT", True, stroke=stroke) == {"FINISHED"}
+        assert positions().tobytes() == live, "the replay differs from the live stroke"
+        yield from user.key("Z", ctrl=True)
+    hair().matrix_world = Matrix()
+    with user.override():
+        bpy.ops.ed.undo_push(message="Place")
+    yield 0.3
+
+
+def mirroring_combs_both_sides(user: driver.User) -> driver.Steps:
+    hair().data.use_mirror_x = True
+    with user.override():
+        bpy.ops.view3d.view_axis(type="FRONT")
+    yield 1.5
+    before, points = positions(), world()
+    yield from user.drag(path(user, across=60))
+    far = moved(before, positions()) > 1e-3
+    right, left = int((far & (points[:, 0] > 0.01)).sum()), int((far & (points[:, 0] < -0.01)).sum())
+    assert min(right, left) > 100, (left, right)
+    # the groom is not symmetric itself
+    assert 0.4 < right / left < 2.5, (left, right)
+    yield from user.picture("comb_mirrored")
+    yield from user.key("Z", ctrl=True)
+    hair().data.use_mirror_x = False
+    yield from user.drag(path(user, across=100))
+    far = moved(before, positions()) > 1e-3
+    assert (far & (points[:, 0] > 0.01)).sum() > 3 * (far & (points[:, 0] < -0.01)).sum()
+    yield from user.key("Z", ctrl=True)
+
+
+def f_sets_the_radius_and_shift_f_the_strength(user: driver.User) -> driver.Steps:
+    for name, shift in (("radius", False), ("strength", True)):
+        setattr(settings(), name, {"radius": 50.0, "strength": 0.5}[name])
+        before = getattr(settings(), name)
+        yield from user.into_view()
+        user.event("F", "PRESS", shift=shift)
+        yield 0.2
+        user.event("F", "RELEASE", shift=shift)
+        x, y = user.place
+        for step in range(1, 6):
+            user.move(x + 8 * step, y)
+            yield 0.1
+        if name == "radius":
+            yield from user.picture("comb_radius")
+        user.event("LEFTMOUSE", "PRESS")
+        yield 0.1
+        user.event("LEFTMOUSE", "RELEASE")
+        yield 0.3
+        after = getattr(settings(), name)
+        print(f"{name}: {before} -> {after}", flush=True)
+        assert after > before, f"F does not change the {name}"
+    settings().radius, settings().strength = 50.0, 1.0
+
+
+def out_of_the_head(points: np.ndarray) -> np.ndarray:
+    """Distance from the middle of the roots: larger is farther out."""
+    roots = points[offsets()[:-1]]
+    return np.linalg.norm(points - roots.mean(axis=0), axis=1)
+
+
+def bends(points: np.ndarray) -> float:
+    """Mean length of the second differences along strands: how curly the hair is."""
+    starts = offsets()
+    second = np.linalg.norm(points[2:] - 2 * points[1:-1] + points[:-2], axis=1)
+    inside = np.ones(len(points), bool)
+    inside[starts[:-1]] = inside[starts[1:] - 1] = False
+    return float(second[inside[1:-1]].mean())
+
+
+def every_mode_does_its_work(user: driver.User) -> driver.Steps:
+    before = positions()
+    done: dict[tuple[str, bool], np.ndarray] = {}
+    for mode in ("comb", "lift", "twist", "smooth", "length"):
+        for invert in (False, True) if mode in {"lift", "twist", "length"} else (False,):
+            settings().mode = mode
+            yield from user.drag(path(user, length=90), ctrl=invert)
+            after = positions()
+            assert moved(before, after).max() > 5e-4, f"{mode} moved nothing"
+            check_strands(before, after, resized=mode == "length")
+            done[mode, invert] = after
+            yield from user.picture(f"comb_mode_{mode}{'_inverted' if invert else ''}")
+            yield from user.key("Z", ctrl=True)
+            assert positions().tobytes() == before.tobytes()
+    settings().mode = "comb"
+    touched = moved(before, done["lift", False]) > 1e-4
+    out = {
+        key: float((out_of_the_head(points) - out_of_the_head(before))[touched].mean()) for key, points in done.items()
+    }
+    assert out["lift", False] > 0 > out["lift", True], out
+    starts = offsets()
+    grown = {invert: lengths(done["length", invert], starts).sum() for invert in (False, True)}
+    assert grown[False] > lengths(before, starts).sum() > grown[True]
+    assert (done["twist", False] != done["twist", True]).any()
+
+
+def shift_smooths(user: driver.User) -> driver.Steps:
+    before = positions()
+    yield from user.drag(path(user), shift=True)
+    stroke = scenes.module("backend.editing.strokes").stroke_from_json(bpy.context.window_manager.operators[-1].stroke)
+    assert stroke.params.mode == "smooth"
+    assert settings().mode == "comb"
+    check_strands(before, positions())
+    yield from user.key("Z", ctrl=True)
+
+
+def it_works_in_sculpt_mode(user: driver.User) -> driver.Steps:
+    with user.override():
+        bpy.ops.object.mode_set(mode="SCULPT_CURVES")
+        bpy.ops.ed.undo_push(message="Sculpt Mode")
+    yield 1.0
+    with user.override():
+        bpy.ops.wm.tool_set_by_id(name=TOOL)
+    yield 0.5
+    assert active_tool("SCULPT_CURVES") == TOOL
+    before = positions()
+    yield from user.drag(path(user))
+    after = positions()
+    assert (moved(before, after) > 1e-3).sum() > 100, "the drag combed nothing in Sculpt Mode"
+    assert bpy.context.window_manager.operators[-1].bl_idname == "HAIRLOOM_OT_comb"
+    yield from user.picture("comb_sculpt_mode")
+    yield from user.key("Z", ctrl=True)
+    assert positions().tobytes() == before.tobytes(), "one Ctrl-Z does not lead back in Sculpt Mode"
+    with user.override():
+        bpy.ops.object.mode_set(mode="OBJECT")
+    yield 0.5
+
+
+def test(user: driver.User) -> driver.Steps:
+    for part in (
+        prepare, the_button_activates_the_tool, a_drag_combs_and_undo_and_redo_are_exact, escape_puts_the_hair_back,
+        a_click_makes_no_undo_step, live_and_replayed_are_the_same_bytes, mirroring_combs_both_sides,
+        f_sets_the_radius_and_shift_f_the_strength, every_mode_does_its_work, shift_smooths, it_works_in_sculpt_mode,
+    ):  # fmt: skip
+        yield from part(user)
+        print(f"passed: {part.__name__.replace('_', ' ')}", flush=True)
+
+
+bpy.context.preferences.view.show_splash = False
+driver.run(test, LIMIT_SECONDS)
