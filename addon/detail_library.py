@@ -6,6 +6,7 @@ Curves object whose custom property names the .npz.
 
 from __future__ import annotations
 
+import itertools
 import os
 import shutil
 import tempfile
@@ -99,6 +100,18 @@ def detail_of(obj: bpy.types.Object) -> SavedDetail | None:
     return found
 
 
+def proposed_name(groom_name: str) -> str:
+    """A name for the details of a groom that is not taken yet."""
+    plain = "".join(sign if _may_stand_in_name(sign) else " " for sign in groom_name).strip(" .")[:40] or "Detail"
+    taken = {detail.name.casefold() for detail in saved_details()}
+    numbered = (plain if i == 1 else f"{plain} {i}" for i in itertools.count(1))
+    return next(name for name in numbered if name.casefold() not in taken)
+
+
+def _may_stand_in_name(sign: str) -> bool:
+    return sign.isalnum() or sign in " -_()+,."
+
+
 def checked_name(name: str) -> str:
     """`name` without spaces around it, if it can be a file's name on every system.
 
@@ -109,7 +122,7 @@ def checked_name(name: str) -> str:
     name = name.strip()
     require(name, "the detail needs a name; give one")
     require(len(name.encode()) <= _MAX_NAME_BYTES, f"the name '{name[:20]}...' is too long; 60 letters are allowed")
-    wrong = sorted({sign for sign in name if not (sign.isalnum() or sign in " -_()+,.")})
+    wrong = sorted({sign for sign in name if not _may_stand_in_name(sign)})
     require(not wrong, f"the name '{name}' has {' '.join(map(repr, wrong))}; use letters, digits, spaces, - and _")
     require(not name.startswith(".") and not name.endswith("."), f"the name '{name}' begins or ends with a dot")
     require(name.split(".")[0].lower() not in _RESERVED, f"'{name}' is a name that Windows keeps for itself")

@@ -12,7 +12,10 @@ import bpy  # noqa: F401  the bridge needs it; pip's bpy must come before the mo
 _PACKAGE = "hairloom_addon"
 _ADDON = Path(__file__).parent.parent / "addon"
 # what the bridge imports of the backend: the same modules, or there would be two classes StrandSet
-_BACKEND = ("", ".errors", ".types", ".geometry", ".geometry.head")
+_BACKEND = (
+    "", ".errors", ".types", ".geometry", ".geometry.head", ".geometry.scalp_space", ".geometry.strands", ".synthesis",
+    ".synthesis.details",
+)  # fmt: skip
 
 
 def _import(name: str) -> ModuleType:
@@ -28,5 +31,6 @@ def _import(name: str) -> ModuleType:
 
 attachment = _import("bridge.attachment")
 curves = _import("bridge.curves")
+detail_assets = _import("bridge.detail_assets")
 material = _import("material")
 mesh = _import("bridge.mesh")

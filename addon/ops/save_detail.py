@@ -35,8 +35,8 @@ class HAIRLOOM_OT_save_detail(JobOperator, bpy.types.Operator):
 
     def sources(self, context: bpy.types.Context) -> dict[str, bpy.types.Object]:
         sources = details.base_and_head(context)
-        name = detail_library.checked_name(self.name or details.new_name(context) or sources["base"].name)
-        self._place = detail_library.free_place(name, overwrite=self.overwrite)
+        name = self.name or details.new_name(context) or detail_library.proposed_name(sources["base"].name)
+        self._place = detail_library.free_place(detail_library.checked_name(name), overwrite=self.overwrite)
         return sources
 
     def read(self, sources: dict[str, bpy.types.Object]) -> Values:
@@ -53,7 +53,8 @@ class HAIRLOOM_OT_save_detail(JobOperator, bpy.types.Operator):
 
     def apply(self, context: bpy.types.Context, sources: dict[str, bpy.types.Object], outputs: Values) -> str:
         hierarchy = outputs["hierarchy"]
-        lazy.bridge("detail_assets").write(self._place, hierarchy, sources["base"], self._groom)
+        space = lazy.bridge("hierarchies").space_of(self._groom)
+        lazy.bridge("detail_assets").write(self._place, hierarchy, space, self._groom, sources["base"])
         size = self._place.stat().st_size / 1e6
         return f"Saved '{self._place.stem}': {hierarchy.levels[0].n_strands:,} strands, {size:.1f} MB"
 

@@ -44,6 +44,9 @@ class Layout:
     def operator_menu_enum(self, name, prop, **_):
         self.drawn.append(("operator", name))
 
+    def template_icon_view(self, group, name, **_):
+        self.prop(group, name)
+
     def progress(self, factor, text):
         assert 0 <= factor <= 1
         self.drawn.append(("progress", text))

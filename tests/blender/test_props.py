@@ -64,6 +64,11 @@ def test_both_ends_of_every_range_of_the_comb_are_accepted():
     )
 
 
+def test_detail_defaults_are_those_of_the_backend():
+    params = scenes.module("backend.synthesis.detail_transfer").DetailParams()
+    assert settings().details.settings.to_params() == as_json(params)
+
+
 def test_settings_become_params():
     synthesis = settings().synthesis
     synthesis.n_strands = 1234
@@ -85,15 +90,16 @@ def walk(group, prefix=""):
             yield group, name, f"{prefix}{name}"
 
 
-@pytest.mark.parametrize("name", ["synthesis", "clean_up"])
+@pytest.mark.parametrize("name", ["synthesis", "clean_up", "details.settings"])
 def test_every_setting_has_a_tooltip_and_both_ends_of_its_range_are_accepted(name):
     registry = scenes.module("backend.registry")
     cls = {
         "synthesis": ("backend.synthesis.pipeline", "SynthesisParams"),
         "clean_up": ("backend.geometry.cleanup", "CleanUpParams"),
+        "details.settings": ("backend.synthesis.detail_transfer", "DetailParams"),
     }[name]
     params = getattr(scenes.module(cls[0]), cls[1])
-    top = getattr(settings(), name)
+    top = settings().path_resolve(name)
     for group, setting, path in walk(top):
         rna = group.bl_rna.properties[setting]
         assert len(rna.description) > 20, path
