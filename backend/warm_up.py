@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .editing.flow import FlowSession, extract_flow
 from .geometry.cleanup import clean_up
 from .geometry.head import default_head
 from .geometry.roots import scatter_roots
@@ -31,4 +32,8 @@ def compile_all(progress: Progress = NO_PROGRESS) -> int:
     strands, _ = clean_up(unroot_strands(rooted.with_points(outward), space), head)
     params = SynthesisParams(n_samples=8, hierarchy=HierarchyParams(wisps=WispParams(n_wisps=16, error_threshold=1e-4)))
     synthesize(strands, head, params, progress=subrange(progress, 0.2, 1.0))
+    flow, binding = extract_flow(strands, np.zeros(strands.n_strands, np.int32))
+    session = FlowSession(strands, binding)
+    session.update(flow)
+    session.marks()
     return sum(bool(kernel.dispatcher.signatures) for kernel in KERNELS)

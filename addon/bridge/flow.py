@@ -57,7 +57,7 @@ def extract(groom: bpy.types.Object, level: int, n_points: int, collection: bpy.
     _hang_like(obj, groom)
     _hide_in_renders(obj)
     arrays = {FLOW: binding.ids, PLACE: binding.places, OFFSET: binding.offsets, STEP: binding.steps}
-    _write(groom.data, {**arrays, **_marks(groom, strands)})
+    _write(groom.data, {**arrays, **_in_object_axes(groom, backend.strand_marks(strands))})
     groom.hairloom_flow.source = obj
     return obj
 
@@ -106,10 +106,12 @@ class Follower:
 
 @dataclass(slots=True)
 class _Opened:
-    """A groom whose binding was read; `written` is its object-space positions, (P, 3) float32."""
+    """A groom whose binding was read; `written` is its object-space positions, (P, 3) float32.
+
+    Where the object's space is the world's, `written` is the session's own array: it is written after every update.
+    """
 
     session: backend.FlowSession
-    offsets: np.ndarray
     matrix: np.ndarray
     written: np.ndarray
 
@@ -124,7 +126,7 @@ def _open(groom: bpy.types.Object, *, discard_edits: bool) -> _Opened:
     binding = backend.FlowBinding(found[FLOW], found[PLACE], found[OFFSET], found[STEP])
     binding.require_fit(strands)
     if not discard_edits:
-        marks = _marks(groom, strands)
+        marks = _in_object_axes(groom, backend.strand_marks(strands))
         before, after = backend.Marks(found[REACH], found[HEADING]), backend.Marks(marks[REACH], marks[HEADING])
         edited = backend.edited_strands(before, after, strands.point_counts)
         n_edited = int(np.count_nonzero(edited & (binding.ids != backend.UNBOUND)))
@@ -133,7 +135,7 @@ def _open(groom: bpy.types.Object, *, discard_edits: bool) -> _Opened:
             f"{n_edited:,} strands of '{groom.name}' were edited since its flow was extracted or applied; run Extract "
             "Flow again to keep the edits, or Apply Flow with Discard Edits",
         )
-    return _Opened(backend.FlowSession(strands, binding), strands.offsets, _matrix(groom), _positions(groom))
+    return _Opened(backend.FlowSession(strands, binding), _matrix(groom), _positions(groom))
 
 
 def _write_points(groom: bpy.types.Object, state: _Opened) -> None:
@@ -144,15 +146,13 @@ def _write_points(groom: bpy.types.Object, state: _Opened) -> None:
     if not np.array_equal(to_local, np.eye(4)):
         local = np.ascontiguousarray(points @ to_local[:3, :3].T + to_local[:3, 3], dtype=np.float32)
     attributes.write_values(groom.data.position_data, "vector", local, np.float32, 3)
-    state.written = local.copy()
-    _write(groom.data, _marks(groom, StrandSet(points, state.offsets)))
+    state.written = local
+    _write(groom.data, _in_object_axes(groom, state.session.marks()))
 
 
-def _marks(groom: bpy.types.Object, strands: StrandSet) -> dict[str, np.ndarray]:
-    """Marks of world-space strands; headings in the object's axes, in which turning the object is no edit."""
-    marks = backend.strand_marks(strands)
-    headings = np.ascontiguousarray(marks.headings @ _rotation(groom), dtype=np.float32)
-    return {REACH: marks.reaches, HEADING: headings}
+def _in_object_axes(groom: bpy.types.Object, marks: backend.Marks) -> dict[str, np.ndarray]:
+    """Marks of world-space strands as attributes; turning the object with its hair is no edit."""
+    return {REACH: marks.reaches, HEADING: np.ascontiguousarray(marks.headings @ _rotation(groom), dtype=np.float32)}
 
 
 def _read_flow(flow: bpy.types.Object) -> backend.Flow:

@@ -195,12 +195,14 @@ class FlowSession:
         self._last, self._last_ids, self.n_missing = state, flow.ids, n_missing
         return len(chosen)
 
+    def marks(self) -> Marks:
+        """`strand_marks` of the hair now."""
+        return _measure(self.points, self._offsets)
+
 
 def strand_marks(strands: StrandSet) -> Marks:
     """What to keep with strands that were just written, to find edits later with `edited_strands`."""
-    reaches, headings = np.empty(strands.n_strands, np.float32), np.empty((strands.n_strands, 3), np.float32)
-    measure_marks(np.ascontiguousarray(strands.points), strands.offsets, reaches, headings)
-    return Marks(reaches, headings)
+    return _measure(np.ascontiguousarray(strands.points), strands.offsets)
 
 
 def edited_strands(before: Marks, after: Marks, point_counts: Int32) -> Bools:
@@ -305,6 +307,13 @@ def _framed(flow: Flow) -> Flow:
     """`flow` with the tangents and normals that its strands have at their roots."""
     first = _read_state(flow).frames[:, 0].astype(np.float32)
     return replace(flow, normals=np.ascontiguousarray(first[..., 0]), tangents=np.ascontiguousarray(first[..., 2]))
+
+
+def _measure(points: Float32, offsets: Int32) -> Marks:
+    count = len(offsets) - 1
+    reaches, headings = np.empty(count, np.float32), np.empty((count, 3), np.float32)
+    measure_marks(points, offsets, reaches, headings)
+    return Marks(reaches, headings)
 
 
 def _means(dense: Float32, flow_of: Int32) -> Float32:
