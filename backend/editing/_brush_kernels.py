@@ -10,7 +10,7 @@ import numpy as np
 
 from ..kernels import device, inlined_device, parallel_kernel
 from ..types import Float32, Float64, Int32
-from ._deformation_kernels import walk
+from ._deformation_kernels import slide_out, walk
 from ._rotation_kernels import multiply, rotate
 
 
@@ -217,63 +217,75 @@ def turn_on(turns: Float64, steps: Float64, rows: Int32) -> None:
 
 
 @parallel_kernel
-def set_lengths(strands: Int32, offsets: Int32, rest_points: Float32, points: Float32, ratios: Float64) -> None:
+def set_lengths(
+    strands: Int32, offsets: Int32, rest_points: Float32, points: Float32, ratios: Float64,
+    distance: Any, origin: Float64, cell: float, margin: float,
+) -> None:  # fmt: skip
     """Points (P, 3) of the given strands (n,): the curve of `rest_points` cut or grown to ratios (S,) of its length.
 
-    Beyond the tip the curve goes on as its own picture turned by half a turn about the tip's normal: a helix, an arc
-    and a line go on as what they are.
+    Beyond the tip the curve goes on as its own picture turned by half a turn about a normal of the tip, so that it goes
+    on smoothly, in its main direction, and a helix as a helix. No point goes into the collider, or deeper into it.
     """
     for j in numba.prange(len(strands)):
         strand = strands[j]
         first, count = offsets[strand], offsets[strand + 1] - offsets[strand]
         if count < 2:
             continue
+        curve = np.empty((count, 3))
         reached = np.zeros(count)
+        for i in range(count):
+            for c in range(3):
+                curve[i, c] = rest_points[first + i, c]
+            if i > 0:
+                square = 0.0
+                for c in range(3):
+                    square += (curve[i, c] - curve[i - 1, c]) ** 2
+                reached[i] = reached[i - 1] + sqrt(square)
+        axis = np.empty(3)
+        _tip_normal(curve, reached, axis)
+        length = reached[count - 1]
+        before, here, result = curve[0].copy(), np.empty(3), curve[0].copy()
         for i in range(1, count):
+            arc = reached[i] * ratios[strand]
+            _continued(curve, reached, arc, length, axis, here)
             square = 0.0
             for c in range(3):
-                square += (rest_points[first + i, c] - rest_points[first + i - 1, c]) ** 2
-            reached[i] = reached[i - 1] + sqrt(square)
-        axis = np.empty(3)
-        _tip_normal(rest_points[first : first + count], axis)
-        length = reached[count - 1]
-        place = np.empty(3)
-        for i in range(1, count):
-            _continued(rest_points[first : first + count], reached, reached[i] * ratios[strand], length, axis, place)
+                square += (here[c] - before[c]) ** 2
+            start = result.copy()
             for c in range(3):
-                points[first + i, c] = place[c]
+                result[c] += here[c] - before[c]
+            if i > 1 and distance.size > 0 and square > 0.0:
+                slide_out(result, start, curve[i], sqrt(square), distance, origin, cell, margin)
+            before[:] = here
+            for c in range(3):
+                points[first + i, c] = result[c]
 
 
 @device
-def _tip_normal(strand: Any, axis: Any) -> None:
-    """A unit vector at right angles to the last segment, towards where the strand bends near its tip."""
-    n = strand.shape[0]
-    step = max(1, (n - 1) // 16)
-    tangent = np.empty(3)
+def _tip_normal(curve: Any, reached: Any, axis: Any) -> None:
+    """The unit axis of the half turn: across the main direction of the strand's end and that of its last segment."""
+    n = curve.shape[0]
+    from_arc = np.empty(3)
+    _at_arc(curve, reached, 0.7 * reached[n - 1], from_arc)
+    main, tangent = np.empty(3), np.empty(3)
+    for c in range(3):
+        main[c] = curve[n - 1, c] - from_arc[c]
+        tangent[c] = curve[n - 1, c] - curve[n - 2, c]
+    least = 0
     total = 0.0
     for c in range(3):
-        tangent[c] = strand[n - 1, c] - strand[n - 2, c]
-        total += tangent[c] ** 2
-    norm = sqrt(max(total, 1e-30))
-    along = 0.0
-    middle, back = n - 1 - step, max(n - 1 - 2 * step, 0)
-    for c in range(3):
-        tangent[c] /= norm
-        axis[c] = np.float64(strand[n - 1, c]) - 2.0 * strand[middle, c] + strand[back, c] if n > 2 else 0.0
-        along += axis[c] * tangent[c]
-    total = 0.0
-    for c in range(3):
-        axis[c] -= along * tangent[c]
+        a, b = (c + 1) % 3, (c + 2) % 3
+        axis[c] = main[a] * tangent[b] - main[b] * tangent[a]
         total += axis[c] ** 2
-    if total < 1e-16:
-        # a straight tip: any normal will do
-        least = 0
-        for c in range(1, 3):
-            if abs(tangent[c]) < abs(tangent[least]):
-                least = c
+        if abs(main[c]) < abs(main[least]):
+            least = c
+    size = sqrt((main[0] ** 2 + main[1] ** 2 + main[2] ** 2) * (tangent[0] ** 2 + tangent[1] ** 2 + tangent[2] ** 2))
+    if sqrt(total) <= 1e-4 * size or size == 0.0:
+        # a straight end: any normal will do
+        square = max(main[0] ** 2 + main[1] ** 2 + main[2] ** 2, 1e-30)
         total = 0.0
         for c in range(3):
-            axis[c] = (1.0 if c == least else 0.0) - tangent[least] * tangent[c]
+            axis[c] = (1.0 if c == least else 0.0) - main[least] * main[c] / square
             total += axis[c] ** 2
     norm = sqrt(total)
     for c in range(3):
@@ -298,7 +310,7 @@ def _continued(strand: Any, reached: Any, arc: float, length: float, axis: Any, 
 
 @device
 def _at_arc(strand: Any, reached: Any, arc: float, out: Any) -> None:
-    i = min(max(np.searchsorted(reached, arc), 1), len(reached) - 1)
+    i: int = min(max(int(np.searchsorted(reached, arc)), 1), len(reached) - 1)
     step = reached[i] - reached[i - 1]
     t = (arc - reached[i - 1]) / step if step > 0.0 else 0.0
     for c in range(3):

@@ -1,4 +1,4 @@
-"""Compiled loops of gradient-domain deformation (M-7). Strands (A, N, 3) float64; rotations are quaternions of edges."""
+"""Compiled loops of gradient-domain deformation (M-7). Strands (A, N, 3) float64; rotations: quaternions of edges."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..types import Float64, Int32
 from ._collider_kernels import sample_distance, sample_gradient
 from ._rotation_kernels import multiply, rotate, turn_between
 
-_DIRECTIONS = 96  # tried by `_escape`
+_DIRECTIONS = 512  # tried by `_escape`
 _GOLDEN_ANGLE = 2.399963229728653
 FREE_WEIGHT = 1e-3  # trust in the direction of an edge that nothing pulls at
 
@@ -221,40 +221,44 @@ def walk(path: Any, rest: Any, out: Any, distance: Any, origin: Any, cell: float
                 ahead[c] = x[c] + path[n - 1, c] - path[n - 2, c]
         _step_towards(x, ahead, path[n - 1] - path[n - 2], length, out[i])
         if distance.size > 0:
-            _slide_out(out[i], x, rest[i], length, distance, origin, cell, margin)
+            slide_out(out[i], x, rest[i], length, distance, origin, cell, margin)
 
 
 @device
-def _slide_out(
-    y: Any, x: Any, rest: Any, length: float, distance: Any, origin: Any, cell: float, margin: float
-) -> None:
+def slide_out(y: Any, x: Any, rest: Any, length: float, distance: Any, origin: Any, cell: float, margin: float) -> None:
     """Turn y about x until it is outside the collider (or as deep as `rest` was)."""
-    limit = margin
-    for attempt in range(8):
+    if sample_distance(distance, origin, cell, y[0], y[1], y[2]) >= margin:
+        return
+    limit = min(margin, sample_distance(distance, origin, cell, rest[0], rest[1], rest[2])) - 1e-6
+    if _slide(y, x, length, distance, origin, cell, limit):
+        return
+    if not _escape(y, x, length, distance, origin, cell, limit):
+        _slide(y, x, length, distance, origin, cell, limit)
+
+
+@device
+def _slide(y: Any, x: Any, length: float, distance: Any, origin: Any, cell: float, limit: float) -> bool:
+    """Turn y about x along the gradient of the distance; is it free then?"""
+    for _ in range(8):
         now = sample_distance(distance, origin, cell, y[0], y[1], y[2])
-        if attempt == 0:
-            if now >= margin:
-                return
-            limit = min(margin, sample_distance(distance, origin, cell, rest[0], rest[1], rest[2]))
-        if now >= limit - 1e-6:
-            return
+        if now >= limit:
+            return True
         gx, gy, gz = sample_gradient(distance, origin, cell, y[0], y[1], y[2])
         norm = sqrt(gx * gx + gy * gy + gz * gz)
         if norm < 1e-6:
-            return
+            return False
         # further than the surface: turning back to the length takes some of it again
-        push = 1.2 * (limit - now) / norm
+        push = (1.2 * (limit - now) + 1e-5) / norm
         aim = np.array((y[0] + gx * push, y[1] + gy * push, y[2] + gz * push))
         _step_towards(x, aim, np.array((gx, gy, gz)), length, y)
-    if sample_distance(distance, origin, cell, y[0], y[1], y[2]) < limit - 1e-6:
-        _escape(y, x, length, distance, origin, cell, limit)
+    return bool(sample_distance(distance, origin, cell, y[0], y[1], y[2]) >= limit)
 
 
 @device
-def _escape(y: Any, x: Any, length: float, distance: Any, origin: Any, cell: float, limit: float) -> None:
+def _escape(y: Any, x: Any, length: float, distance: Any, origin: Any, cell: float, limit: float) -> bool:
     """Turn y about x to the nearest of many directions that is free; in a fold of the surface gradients go to and fro.
 
-    If none is free, the one that is least deep.
+    If none is free, the one that is least deep. Returns whether one is.
     """
     ux, uy, uz = (y[0] - x[0]) / length, (y[1] - x[1]) / length, (y[2] - x[2]) / length
     best, nearest, deepest = np.empty(3), -2.0, -np.inf
@@ -273,6 +277,7 @@ def _escape(y: Any, x: Any, length: float, distance: Any, origin: Any, cell: flo
             deepest = here
     for c in range(3):
         y[c] = x[c] + length * best[c]
+    return nearest > -2.0
 
 
 @parallel_kernel

@@ -18,7 +18,8 @@ class Binding:
     """S strands bound to K centers of N points.
 
     centers : (K, N, 3) float32, metres, world space; the mean of a wisp's strands at equal shares of their length.
-    labels : (S,) int32, the center of each strand. members, starts : the strands of each center in rows, (S,), (K + 1,).
+    labels : (S,) int32, the center of each strand.
+    members, starts : (S,) and (K + 1,) int32, the strands of each center in rows.
     places : (P,) float32, where along its center each point of the hair lies, in samples, 0 .. N - 1.
     lengths : (S,) float64, of the strands, metres.
     """

@@ -62,7 +62,7 @@ class CombSession:
         level = len(self._labels) if params.level < 0 else params.level
         require(
             level <= len(self._labels),
-            f"the comb's level is {level} but the groom has {len(self._labels)} levels of wisps; choose a lower one, or "
+            f"the comb's level is {level} but the groom has {len(self._labels)} levels of wisps; choose a lower one or "
             "run Cluster Wisps",
         )
         n_strands = len(self._offsets) - 1
@@ -297,7 +297,9 @@ class _Running:
         amount = way * strength * grips.strongest()[owners] * self._amounts[strands]
         change = amount / np.maximum(lengths, 1e-9) * (-1.0 if self.stroke.params.invert else 1.0)
         self._ratios[strands] = np.clip(self._ratios[strands] + change, *_LENGTH_LIMITS)
-        set_lengths(strands, self._offsets, self.rest, self.points, self._ratios)
+        set_lengths(
+            strands, self._offsets, self.rest, self.points, self._ratios, *self._solid, DeformParams().margin
+        )  # fmt: skip
         self._spheres[grips.numbers] = wisp_spheres(self.points, self._offsets, self._binding, grips.numbers)
         return True
 

@@ -124,7 +124,7 @@ def _parities(n_views: int) -> Float64:
 
 def _smoothed(edges: Float64, numbers: Int32, points: Float64, slots: Int32, neighbours: RootGraph | None) -> Float64:
     """(n, N - 1, 3) the directions that the edges are smoothed to."""
-    wanted = gaussian_filter1d(edges, _SMOOTH_SIGMA, axis=1, mode="nearest")
+    wanted = np.asarray(gaussian_filter1d(edges, _SMOOTH_SIGMA, axis=1, mode="nearest"))
     if neighbours is None:
         return wanted
     units = _unit(wanted)
@@ -152,7 +152,7 @@ def _towards(edges: Float64, wanted: Float64, share: Float64) -> Float64:
     before, after = _unit(edges), _unit(wanted)
     axes = _unit(np.cross(before, after))
     angles = share * np.arccos(np.clip((before * after).sum(axis=2), -1.0, 1.0))
-    return np.concatenate([np.cos(angles / 2)[:, :, None], np.sin(angles / 2)[:, :, None] * axes], axis=2)
+    return np.asarray(np.concatenate([np.cos(angles / 2)[:, :, None], np.sin(angles / 2)[:, :, None] * axes], axis=2))
 
 
 def _rotate(turns: Float64, vectors: Float64) -> Float64:
