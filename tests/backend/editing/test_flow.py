@@ -179,6 +179,20 @@ def test_curls_stay_around_the_flow_that_was_bent_into_an_arc():
     assert found[:, -1, 0].mean() > 0.17
 
 
+@pytest.mark.parametrize("axis", [[1.0, 1.0, 0.0], [1.0, -0.2, 0.0], [-0.3, 1.0, 0.0]])
+def test_a_flow_turned_about_its_root_turns_its_hair_without_twist(axis):
+    """All points turned in Edit Mode: the stored frame stays as it was, and the hair turns by the smallest rotation."""
+    strands = wisp_around(np.linspace([0, 0, 0], [0, 0, 0.3], 200), radius=0.01, turns=0.0)
+    flow, binding = extract_flow(strands, np.zeros(strands.n_strands, np.int32), 64)
+    matrix = Rotation.from_rotvec(1.4 * np.array(axis) / np.linalg.norm(axis)).as_matrix()
+    found = apply_flow(strands, binding, with_points(flow, dense(flow) @ matrix.T)).points
+    np.testing.assert_allclose(found.reshape(-1, 200, 3)[:, 0], strands.roots, rtol=0, atol=1e-8)
+    # beyond four times the roots' distance from the flow; the way there is a little longer for some strands, so that
+    # they end a little earlier along the flow
+    aside = ((found - strands.points @ matrix.T) @ matrix).reshape(-1, 200, 3)[:, 60:, :2]
+    assert np.abs(aside).max() < 1e-6
+
+
 def sharpest_turn(strands: StrandSet) -> float:
     """The least cosine between successive segments of strands of one point count."""
     steps = np.diff(strands.points.reshape(strands.n_strands, -1, 3).astype(np.float64), axis=1)
