@@ -1,4 +1,4 @@
-"""The command line `hairloom`: info, convert, cluster, synthesize, detail, transfer, bench, warm-up.
+"""The command line `hairloom`: info, convert, cluster, synthesize, comb, detail, transfer, bench, warm-up.
 
 Exit status: 0 done, 2 bad input (one line on standard error), 130 cancelled with Ctrl-C.
 """
@@ -17,6 +17,10 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from .editing.binding import wisp_labels
+from .editing.collider import comb_collider
+from .editing.comb import comb
+from .editing.strokes import read_strokes
 from .errors import HairloomError, require
 from .geometry.head import default_head, find_scalp, read_head
 from .geometry.strands import strand_lengths
@@ -25,6 +29,7 @@ from .io.files import read_file
 from .io.npz import read_arrays
 from .io.strands import read_strands, write_strands
 from .io.units import Units
+from .jobs.cluster_wisps import labels_of_strands
 from .jobs.transfer_details import as_strand_set, transfer_report
 from .progress import Progress
 from .synthesis.detail_transfer import LENGTH_MODES, DetailParams, transfer_style
@@ -242,6 +247,32 @@ def _transfer(options: argparse.Namespace, clock: StageClock, progress: Progress
     return transfer_report(detail, base.hierarchy, result.levels) | {"out": str(options.out)}
 
 
+def _comb(options: argparse.Namespace, clock: StageClock, progress: Progress) -> Report:
+    clock("read")
+    strands = _strands(options)
+    file = read_strokes(options.strokes)
+    file.check(strands.n_strands, len(strands.points), str(options.strokes))
+    head = _head(options, strands)
+    others = [read_head(path, _units(options.head_units or options.units)) for path in options.collider]
+    labels = wisp_labels(strands)
+    if not labels:
+        clock("cluster")
+        labels = labels_of_strands(analyze(strands, head, _synthesis_params(options)).hierarchy)
+    clock("collider")
+    collider = comb_collider([head, *others], strands.roots) if options.collide else None
+    clock("comb")
+    combed = comb(strands, labels, file.strokes, collider, progress=progress)
+    clock("write")
+    write_strands(options.out, combed, units=_units(options.out_units))
+    moved = np.abs(combed.points - strands.points).max(axis=1) > 0
+    return {
+        "strokes": len(file.strokes),
+        "moved_strands": int(np.add.reduceat(moved, strands.offsets[:-1]).astype(np.bool_).sum()),
+        "wisps": [int(level.max()) + 1 for level in labels],
+        "out": str(options.out),
+    }
+
+
 def _bench(options: argparse.Namespace, clock: StageClock, progress: Progress) -> Report:
     from .bench import run_benchmarks  # loads the peers, which only this command needs
 
@@ -311,16 +342,20 @@ def build_parser() -> argparse.ArgumentParser:
     convert = command("convert", _convert, "Convert a groom file; formats by suffix.", hair)
     cluster = command("cluster", _cluster, "Find the wisp hierarchy of a groom.", hair)
     synthesize = command("synthesize", _synthesize, "Make a new hairstyle like an example.", hair)
+    combing = command("comb", _comb, "Play strokes of the comb on a groom.", hair)
+    combing.add_argument("strokes", type=Path, help="strokes file, .json, as the comb tool saves it")
+    combing.add_argument("--collider", action="append", default=[], help="another mesh that hair is kept out of, .obj")
+    combing.add_argument("--no-collide", dest="collide", action="store_false", help="let hair pass through the head")
     detail = command("detail", _detail, "Save the details of a groom, for transfer.", hair)
     transfer = command("transfer", _transfer, "Put the details of one groom onto another.")
     _add_transfer(transfer)
     _add_wisps(transfer, "--hierarchy-levels")
-    for sub in (cluster, synthesize, detail):
+    for sub in (cluster, synthesize, combing, detail):
         _add_head(sub)
         _add_wisps(sub)
-    for sub in (convert, cluster, synthesize, detail, transfer):
+    for sub in (convert, cluster, synthesize, combing, detail, transfer):
         sub.add_argument("out", type=Path, help="the file to write")
-    for sub in (convert, synthesize, transfer):
+    for sub in (convert, synthesize, combing, transfer):
         sub.add_argument("--out-units", help="units and up axis of the output (default: the format's own)")
     synthesize.add_argument("--strands", type=int, default=0, help="strands of the result (default: same density)")
     synthesize.add_argument("--region", help=".npz with 'mask' or 'triangles' of the head where hair grows")

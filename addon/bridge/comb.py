@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from .. import comb_cache
-from ..backend.editing.collider import Collider, build_collider
+from ..backend.editing.collider import Collider, comb_collider
 from ..backend.editing.comb import CombSession
 from ..backend.editing.object_space import return_to_object
 from ..backend.editing.strokes import CombParams, Stroke, View, comb_params, stroke_from_json, stroke_to_json
@@ -66,7 +66,7 @@ class LiveStroke:
             f"the stroke selects among {0 if selection is None else len(selection)} strands and '{groom.name}' has "
             f"{n_strands}; use the groom that it was recorded on",
         )
-        kept = _session_on(groom, StrandSet(points, offsets), _collider(obstacles))
+        kept = _session_on(groom, StrandSet(points, offsets), _collider(obstacles, points[offsets[:-1]]))
         self._session, self.warning = kept.session, kept.warning
         self._points_before = points if self._is_at_origin else self._session.points.copy()
         self._world_to_object = np.linalg.inv(np.array(groom.matrix_world, np.float64))
@@ -224,14 +224,14 @@ def _why_wisps_are_stale(name: str, roots: np.ndarray, labels: Sequence[np.ndarr
     )
 
 
-def _collider(obstacles: Sequence[bpy.types.Object]) -> Collider | None:
-    """The collider of some meshes as they are now, kept until one of them changes."""
+def _collider(obstacles: Sequence[bpy.types.Object], roots: np.ndarray) -> Collider | None:
+    """The collider of some meshes as they are now, kept until one of them or the roots (S, 3) change."""
     if not obstacles:
         return None
     heads: list[Head] = [mesh.read_head(obj, "") for obj in obstacles]
-    mark = fingerprint({str(i): head for i, head in enumerate(heads)})
+    mark = fingerprint({str(i): head for i, head in enumerate(heads)} | {"roots": roots})
     kept_mark, kept = comb_cache.kept.get("collider", ("", None))
     if kept is None or kept_mark != mark:
-        kept = build_collider(heads)
+        kept = comb_collider(heads, roots)
         comb_cache.kept["collider"] = (mark, kept)
     return kept

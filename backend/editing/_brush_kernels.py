@@ -8,13 +8,13 @@ from typing import Any
 import numba
 import numpy as np
 
-from ..kernels import device, inlined_device, parallel_kernel
+from ..kernels import device, parallel_kernel
 from ..types import Float32, Float64, Int32
 from ._deformation_kernels import slide_out, walk
 from ._rotation_kernels import multiply, rotate
 
 
-@inlined_device
+@device
 def _to_pixels(m: Any, half: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Pixels of a world point, and its clip w; m (4, 4), half (2,) of the view's size."""
     w = m[3, 0] * x + m[3, 1] * y + m[3, 2] * z + m[3, 3]
@@ -24,7 +24,7 @@ def _to_pixels(m: Any, half: Any, x: float, y: float, z: float) -> tuple[float, 
     return (u + 1.0) * half[0], (v + 1.0) * half[1], w
 
 
-@inlined_device
+@device
 def _fade(distance: float, radius: float, hardness: float) -> float:
     """1 up to `hardness` of the radius, then smoothly down to 0 at the radius."""
     share = distance / radius

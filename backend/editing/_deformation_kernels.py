@@ -18,6 +18,17 @@ _GOLDEN_ANGLE = 2.399963229728653
 FREE_WEIGHT = 1e-3  # trust in the direction of an edge that nothing pulls at
 
 
+# called, not inlined: the loops below ask at a dozen places, and compile three times as fast so
+@device
+def _distance_at(distance: Any, origin: Any, cell: float, x: float, y: float, z: float) -> Any:
+    return sample_distance(distance, origin, cell, x, y, z)
+
+
+@device
+def _gradient_at(distance: Any, origin: Any, cell: float, x: float, y: float, z: float) -> Any:
+    return sample_gradient(distance, origin, cell, x, y, z)
+
+
 @device
 def _solve_points(points: Any, turns: Any, edges: Any, targets: Any, weights: Any, upper: Any) -> None:
     """Step (a): the points 2 .. N - 1 that best have the turned edges and the handles; Thomas' algorithm."""
@@ -83,18 +94,44 @@ def _solve_turns(
 def _push_out(points: Any, rest: Any, distance: Any, origin: Any, cell: float, margin: float) -> None:
     """Move points out of the collider; where the rest was inside it may stay as deep."""
     for i in range(2, points.shape[0]):
-        now = sample_distance(distance, origin, cell, points[i, 0], points[i, 1], points[i, 2])
+        now = _distance_at(distance, origin, cell, points[i, 0], points[i, 1], points[i, 2])
         if now >= margin:
             continue
-        limit = min(margin, sample_distance(distance, origin, cell, rest[i, 0], rest[i, 1], rest[i, 2]))
+        limit = min(margin, _distance_at(distance, origin, cell, rest[i, 0], rest[i, 1], rest[i, 2]))
         if now >= limit:
             continue
-        gx, gy, gz = sample_gradient(distance, origin, cell, points[i, 0], points[i, 1], points[i, 2])
+        gx, gy, gz = _gradient_at(distance, origin, cell, points[i, 0], points[i, 1], points[i, 2])
         norm = sqrt(gx * gx + gy * gy + gz * gz)
         if norm > 1e-6:
             points[i, 0] += gx / norm * (limit - now)
             points[i, 1] += gy / norm * (limit - now)
             points[i, 2] += gz / norm * (limit - now)
+
+
+@device
+def _listen(a: int, beside: Any, slots: Any, old: Any, pulls: Any, coupling: float, hold: float, extra: Any) -> float:
+    """Add up the rotations of the neighbours that strand a listens to; returns their weight."""
+    total = 0.0
+    for j in range(len(beside)):
+        b = slots[beside[j]]
+        if pulls[a] > 0 and (b < 0 or pulls[b] == 0):
+            continue
+        total += coupling
+        for i in range(1, extra.shape[0]):
+            if b < 0:
+                extra[i, 0] += coupling
+                continue
+            dot = 0.0
+            for c in range(4):
+                dot += old[a, i, c] * old[b, i, c]
+            sign = coupling if dot >= 0.0 else -coupling
+            for c in range(4):
+                extra[i, c] += sign * old[b, i, c]
+    if pulls[a] > 0:
+        return total
+    for i in range(1, extra.shape[0]):
+        extra[i, 0] += hold * total
+    return total * (1.0 + hold)
 
 
 @parallel_kernel
@@ -104,6 +141,7 @@ def relax(
     edges: Float64,
     targets: Float64,
     weights: Float64,
+    pulls: Int32,
     old: Float64,
     new: Float64,
     active: Int32,
@@ -120,43 +158,21 @@ def relax(
 ) -> None:
     """One alternation for A strands: points (A, N, 3) from rotations `old` (A, N - 1, 4), then `new` from the points.
 
+    pulls (A,): the last sample of each strand with a handle, 0 for none.
     active (A,) are the strands' numbers in the graph, slots its inverse (-1: not active). Strands with handles listen
     to neighbours with handles only, others to all, and are held back to no rotation by `hold`.
     """
-    n_strands, n = points.shape[0], points.shape[1]
-    for a in numba.prange(n_strands):
-        last_pull = 0
-        for i in range(n):
-            if weights[a, i] > 0.0:
-                last_pull = i
+    n = points.shape[1]
+    for a in numba.prange(points.shape[0]):
+        last_pull = pulls[a]
         _solve_points(points[a], old[a], edges[a], targets[a], weights[a], np.empty(n))
         if distance.size > 0:
             _push_out(points[a], rest[a], distance, origin, cell, margin)
         extra = np.zeros((n - 1, 4))
         extra_weight = 0.0
         if coupling > 0.0:
-            for j in range(offsets[active[a]], offsets[active[a] + 1]):
-                b = slots[neighbours[j]]
-                if b < 0 and last_pull > 0:
-                    continue
-                if b >= 0 and last_pull > 0 and not weights[b].any():
-                    continue
-                extra_weight += coupling
-                for i in range(1, n - 1):
-                    if b < 0:
-                        extra[i, 0] += coupling
-                        continue
-                    dot = 0.0
-                    for c in range(4):
-                        dot += old[a, i, c] * old[b, i, c]
-                    sign = coupling if dot >= 0.0 else -coupling
-                    for c in range(4):
-                        extra[i, c] += sign * old[b, i, c]
-            if last_pull == 0:
-                held = hold * extra_weight
-                extra_weight += held
-                for i in range(1, n - 1):
-                    extra[i, 0] += held
+            beside = neighbours[offsets[active[a]] : offsets[active[a] + 1]]
+            extra_weight = _listen(a, beside, slots, old, pulls, coupling, hold, extra)
         new[a, 0] = old[a, 0]
         _solve_turns(points[a], edges[a], old[a], new[a], last_pull, stiffness, extra, extra_weight)
 
@@ -227,9 +243,9 @@ def walk(path: Any, rest: Any, out: Any, distance: Any, origin: Any, cell: float
 @device
 def slide_out(y: Any, x: Any, rest: Any, length: float, distance: Any, origin: Any, cell: float, margin: float) -> None:
     """Turn y about x until it is outside the collider (or as deep as `rest` was)."""
-    if sample_distance(distance, origin, cell, y[0], y[1], y[2]) >= margin:
+    if _distance_at(distance, origin, cell, y[0], y[1], y[2]) >= margin:
         return
-    limit = min(margin, sample_distance(distance, origin, cell, rest[0], rest[1], rest[2])) - 1e-6
+    limit = min(margin, _distance_at(distance, origin, cell, rest[0], rest[1], rest[2])) - 1e-6
     if _slide(y, x, length, distance, origin, cell, limit):
         return
     if not _escape(y, x, length, distance, origin, cell, limit):
@@ -240,10 +256,10 @@ def slide_out(y: Any, x: Any, rest: Any, length: float, distance: Any, origin: A
 def _slide(y: Any, x: Any, length: float, distance: Any, origin: Any, cell: float, limit: float) -> bool:
     """Turn y about x along the gradient of the distance; is it free then?"""
     for _ in range(8):
-        now = sample_distance(distance, origin, cell, y[0], y[1], y[2])
+        now = _distance_at(distance, origin, cell, y[0], y[1], y[2])
         if now >= limit:
             return True
-        gx, gy, gz = sample_gradient(distance, origin, cell, y[0], y[1], y[2])
+        gx, gy, gz = _gradient_at(distance, origin, cell, y[0], y[1], y[2])
         norm = sqrt(gx * gx + gy * gy + gz * gz)
         if norm < 1e-6:
             return False
@@ -251,7 +267,7 @@ def _slide(y: Any, x: Any, length: float, distance: Any, origin: Any, cell: floa
         push = (1.2 * (limit - now) + 1e-5) / norm
         aim = np.array((y[0] + gx * push, y[1] + gy * push, y[2] + gz * push))
         _step_towards(x, aim, np.array((gx, gy, gz)), length, y)
-    return bool(sample_distance(distance, origin, cell, y[0], y[1], y[2]) >= limit)
+    return bool(_distance_at(distance, origin, cell, y[0], y[1], y[2]) >= limit)
 
 
 @device
@@ -267,7 +283,7 @@ def _escape(y: Any, x: Any, length: float, distance: Any, origin: Any, cell: flo
         h = 1.0 - (2.0 * i + 1.0) / _DIRECTIONS
         r, angle = sqrt(1.0 - h * h), i * _GOLDEN_ANGLE
         vx, vy, vz = r * cos(angle), r * sin(angle), h
-        here = sample_distance(distance, origin, cell, x[0] + length * vx, x[1] + length * vy, x[2] + length * vz)
+        here = _distance_at(distance, origin, cell, x[0] + length * vx, x[1] + length * vy, x[2] + length * vz)
         turn = ux * vx + uy * vy + uz * vz
         is_better = turn > nearest if here >= limit else nearest == -2.0 and here > deepest
         if is_better:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from ..kernels import inlined_device
+from ..kernels import device
 
 _NO_LENGTH = 1e-30
 
 
-@inlined_device
+@device
 def rotate(q: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
     """The vector turned by q (4,)."""
     w, a, b, c = q[0], q[1], q[2], q[3]
@@ -20,7 +20,7 @@ def rotate(q: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
     return x + w * tx + b * tz - c * ty, y + w * ty + c * tx - a * tz, z + w * tz + a * ty - b * tx
 
 
-@inlined_device
+@device
 def multiply(p: Any, q: Any) -> tuple[float, float, float, float]:
     """The rotation q followed by p, both (4,)."""
     return (
@@ -31,7 +31,7 @@ def multiply(p: Any, q: Any) -> tuple[float, float, float, float]:
     )
 
 
-@inlined_device
+@device
 def turn_between(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> tuple[float, float, float, float]:
     """The smallest rotation that takes the direction a to the direction b; none where a length is 0 or b is -a."""
     lengths = sqrt((ax * ax + ay * ay + az * az) * (bx * bx + by * by + bz * bz))

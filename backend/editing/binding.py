@@ -65,6 +65,22 @@ def bind_strands(strands: StrandSet, labels: Int32 | None, n_points: int) -> Bin
     return Binding(centers, compact, members, starts, places, lengths)
 
 
+def wisp_labels(strands: StrandSet) -> tuple[Int32, ...]:
+    """Per level, finest first, (S,) int32: the wisps that the strand attributes `hairloom_wisp`, `hairloom_wisp_2` ...
+    tell, as the add-on writes them."""
+    found: list[Int32] = []
+    while True:
+        name = "hairloom_wisp" if not found else f"hairloom_wisp_{len(found) + 1}"
+        labels = strands.strand_attributes.get(name)
+        if labels is None:
+            return tuple(found)
+        require(
+            labels.ndim == 1 and labels.dtype.kind in "iu",
+            f"'{name}' must be one whole number for each strand, not {labels.dtype} of shape {labels.shape}",
+        )
+        found.append(np.asarray(labels, dtype=np.int32))
+
+
 def rows_of(labels: Int32) -> tuple[Int32, Int32]:
     """The members of each label in rows: strands (S,), starts (K + 1,); every label of 0 .. max occurs."""
     members = np.argsort(labels, kind="stable").astype(np.int32)

@@ -28,6 +28,7 @@ Indices = NDArray[np.int64]
 
 # Cells along the scalp, or along the whole box where no mesh has one: a scalp's distance is then 0.05 mm right.
 _CELLS_ALONG_SCALP = 72
+_REACH = 1.5  # of the scalp's size: how far from the roots hair is kept out of the meshes
 _CELLS_ALONG_BOX = 160
 _MARGIN = 4  # cells between the surface and the end of the grid; more than one, so that the outside is in the grid
 _STRIDE = 4  # the nodes far from the surface are interpolated between every 4th
@@ -69,7 +70,30 @@ class Collider:
         return gradients.astype(np.float32)
 
 
-def build_collider(meshes: Sequence[Head], *, cell: float | None = None, around: Floats | None = None) -> Collider:
+def comb_collider(meshes: Sequence[Head], roots: Floats) -> Collider:
+    """The collider for combing hair with roots (S, 3), metres: fine enough for its scalp, as far as hair may come.
+
+    Only meshes and roots count, not the scalp of a head nor the strands, so that the viewport and the command line,
+    and all strokes on a groom, have the same one.
+
+    Raises
+    ------
+    InputError : as build_collider; no roots.
+    """
+    require(len(roots) > 0, "the groom has no strands; choose one that has")
+    low, high = roots.min(axis=0).astype(np.float64), roots.max(axis=0).astype(np.float64)
+    size = float((high - low).max())
+    around = np.stack([low - _REACH * size, high + _REACH * size])
+    return build_collider(meshes, around=around if size > 0 else None, scalp_size=size)
+
+
+def build_collider(
+    meshes: Sequence[Head],
+    *,
+    cell: float | None = None,
+    around: Floats | None = None,
+    scalp_size: float | None = None,
+) -> Collider:
     """The signed distance to the union of solid meshes, on a grid over their box (W-U5).
 
     Open boundaries (a bust's neck, a T-shirt's sleeves) are closed by fans to their middles; a mesh whose faces all
@@ -82,6 +106,7 @@ def build_collider(meshes: Sequence[Head], *, cell: float | None = None, around:
         would have over 3 million nodes.
     around : (n, 3) float, metres, world space: only the part of the meshes in the box of these points is covered. Give
         the places that hair may come to: beyond the grid everything counts as far outside.
+    scalp_size : metres, the longest side of the scalp; None takes it from the meshes.
 
     Raises
     ------
@@ -92,7 +117,7 @@ def build_collider(meshes: Sequence[Head], *, cell: float | None = None, around:
     solids = [_close(mesh, number) for number, mesh in enumerate(meshes, start=1)]
     low, high = _box(solids, around)
     if cell is None:
-        size = _default_cell(meshes, low, high)
+        size = _default_cell(meshes, low, high, scalp_size)
     else:
         size = float(cell)
         require(np.isfinite(size) and size > 0, f"the collider's cell is {size:g} m; it must be positive")
@@ -202,10 +227,12 @@ def _box(solids: Sequence[_Solid], around: Floats | None) -> tuple[Float64, Floa
     return np.clip(places.min(axis=0), low, high), np.clip(places.max(axis=0), low, high)
 
 
-def _default_cell(meshes: Sequence[Head], low: Float64, high: Float64) -> float:
+def _default_cell(meshes: Sequence[Head], low: Float64, high: Float64, scalp_size: float | None) -> float:
     """The size of a cell, metres, by the scalp's size and the number of nodes in the box from `low` to `high`."""
-    scalps = [mesh.vertices[mesh.triangles[mesh.scalp]].reshape(-1, 3) for mesh in meshes if mesh.scalp.any()]
-    extent = max((float(np.ptp(scalp, axis=0).max()) for scalp in scalps), default=0.0)
+    extent = scalp_size
+    if extent is None:
+        scalps = [mesh.vertices[mesh.triangles[mesh.scalp]].reshape(-1, 3) for mesh in meshes if mesh.scalp.any()]
+        extent = max((float(np.ptp(scalp, axis=0).max()) for scalp in scalps), default=0.0)
     longest = float((high - low).max())
     size = extent / _CELLS_ALONG_SCALP if extent > 0 else longest / _CELLS_ALONG_BOX
     if size <= 0:  # points in one place, off the meshes

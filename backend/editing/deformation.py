@@ -30,7 +30,7 @@ class DeformParams:
     iterations: int = 4  # alternations of a step; the paper's 3 to 5
     bend_length: float = 0.08  # share of the strand over which a bend is spread
     drag: float = 0.3  # 0 .. 1, how much strands without handles turn along with their neighbours
-    margin: float = 0.0002  # metres that hair keeps from the collider
+    margin: float = 0.0005  # metres that hair keeps from the collider, whose grid is up to 0.7 mm wrong at real ears
 
     def __post_init__(self) -> None:
         require(1 <= self.iterations <= 1000, f"iterations is {self.iterations}; it must be in 1..1000")
@@ -92,11 +92,12 @@ def deform(
     coupling = params.drag if is_coupled else 0.0
     hold = (1.0 - params.drag) / params.drag if is_coupled else 0.0
     stiffness = (params.bend_length * n_points) ** 2
+    pulls = np.where(firm > 0, np.arange(n_points), 0).max(axis=1).astype(np.int32)
     solid = collider_arrays(collider)
     other = np.empty_like(turns)
     for _ in range(params.iterations):
         relax(
-            points, original, edges, wanted, firm, turns, other, nodes, slots, offsets, neighbours,
+            points, original, edges, wanted, firm, pulls, turns, other, nodes, slots, offsets, neighbours,
             stiffness, coupling, hold, *solid, params.margin,
         )  # fmt: skip
         turns, other = other, turns
