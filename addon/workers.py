@@ -170,7 +170,8 @@ class WorkerJob:
         self.run = JobRun(label)
         self._folder = Path(tempfile.mkdtemp(prefix="hairloom-", dir=bpy.app.tempdir or None))
         self._outputs = self._folder / "outputs.npz"
-        request = {"job": job, "params": params, "outputs": str(self._outputs)}
+        package = f"{__package__}.backend"
+        request = {"job": job, "params": params, "outputs": str(self._outputs), "package": package}
         try:
             if inputs:
                 request["inputs"] = str(self._folder / "inputs.npz")

@@ -1,7 +1,7 @@
 """The add-on's child process: one job, JSON lines out, values in bundles (npz), never pickle.
 
 Started as a script of its own (Blender's Python starts isolated), so it finds its package from its own place.
-Reads one JSON line {"job", "inputs", "outputs", "params"} from standard input and prints JSON lines:
+Reads one JSON line {"job", "inputs", "outputs", "params", "package"} from standard input and prints JSON lines:
 {"progress", "message"} while it works, then {"done": true}, {"error": one line} or {"crash": traceback}.
 It leaves when standard input closes: the parent is gone.
 """
@@ -21,17 +21,21 @@ from typing import Any, TextIO
 PACKAGE = "hairloom"
 
 
-def _import_package() -> None:
-    """Make the folder of this file importable as the package `hairloom`, whatever the folder is called."""
-    if PACKAGE in sys.modules:
+def _import_package(name: str) -> None:
+    """Make the folder of this file importable as the package `name`, whatever the folder is called.
+
+    The parent gives the name under which it has the package itself: compiled kernels remember the module that they
+    are from, and both processes share the cache of them.
+    """
+    if name in sys.modules:
         return
     folder = Path(__file__).resolve().parent
     spec = importlib.util.spec_from_file_location(
-        PACKAGE, folder / "__init__.py", submodule_search_locations=[str(folder)]
+        name, folder / "__init__.py", submodule_search_locations=[str(folder)]
     )
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[PACKAGE] = module
+    sys.modules[name] = module
     spec.loader.exec_module(module)
 
 
@@ -42,9 +46,10 @@ def _leave_with_parent(stream: TextIO) -> None:
 
 def run_request(request: dict[str, Any], say: Any) -> None:
     """Run one request; `say` takes each message as a dict."""
-    registry = importlib.import_module(f"{PACKAGE}.registry")
-    bundle = importlib.import_module(f"{PACKAGE}.io.bundle")
-    errors = importlib.import_module(f"{PACKAGE}.errors")
+    package = request.get("package", PACKAGE)
+    registry, bundle, errors = (
+        importlib.import_module(f"{package}.{name}") for name in ("registry", "io.bundle", "errors")
+    )
     try:
         inputs = bundle.read_bundle(request["inputs"]) if request.get("inputs") else {}
         outputs = registry.run_job(
@@ -74,8 +79,8 @@ def main() -> int:
         channel.write(json.dumps(message) + "\n")
         channel.flush()
 
-    _import_package()
     request = json.loads(sys.stdin.readline())
+    _import_package(request.get("package", PACKAGE))
     threading.Thread(target=_leave_with_parent, args=(sys.stdin,), daemon=True).start()
     run_request(request, say)
     channel.flush()

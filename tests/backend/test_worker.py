@@ -70,3 +70,18 @@ def test_it_leaves_when_its_parent_is_gone(tmp_path):
     assert process.wait(timeout=30) in (0, 1)
     process.stdout.close()
     process.stderr.close()
+
+
+def test_kernels_belong_to_the_package_that_the_parent_names():
+    """Blender and its worker share compiled kernels, and a kernel is loaded again by the name of its module."""
+    program = f"""
+import importlib, importlib.util
+spec = importlib.util.spec_from_file_location("worker", {str(WORKER)!r})
+worker = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(worker)
+worker._import_package("bl_ext.user_default.hairloom.backend")
+kernels = importlib.import_module("bl_ext.user_default.hairloom.backend.geometry._strands_kernels")
+print(kernels.resample_values.name)
+"""
+    done = subprocess.run([sys.executable, "-I", "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "bl_ext.user_default.hairloom.backend.geometry._strands_kernels.resample_values"

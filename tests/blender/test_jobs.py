@@ -62,6 +62,16 @@ def is_gone(job) -> bool:
     return job._worker._process.poll() is not None
 
 
+def test_the_worker_knows_the_package_by_blenders_name(worker):
+    """Both share the compiled kernels, which are found by the name of their module."""
+    worker(
+        'import json, sys\nrequest = json.loads(sys.stdin.readline())\nprint(json.dumps({"error": request["package"]}))'
+    )
+    job = scenes.module("workers").WorkerJob("Say", "none", {}, {})
+    assert run_to_end(job).error == scenes.module("backend").__name__
+    job.close()
+
+
 # --- the run as its messages tell it
 
 
