@@ -175,14 +175,17 @@ def bends(points: np.ndarray) -> float:
 
 
 def every_mode_does_its_work(user: driver.User) -> driver.Steps:
+    with user.override():
+        bpy.ops.view3d.view_axis(type="LEFT")
+    yield 1.5
     before = positions()
     done: dict[tuple[str, bool], np.ndarray] = {}
     for mode in ("comb", "lift", "twist", "smooth", "length"):
         for invert in (False, True) if mode in {"lift", "twist", "length"} else (False,):
             settings().mode = mode
-            yield from user.drag(path(user, length=90), ctrl=invert)
+            yield from user.drag(path(user, length=110), ctrl=invert)
             after = positions()
-            assert moved(before, after).max() > 5e-4, f"{mode} moved nothing"
+            assert (moved(before, after) > 5e-4).sum() > 500, f"{mode} moved next to nothing"
             check_strands(before, after, resized=mode == "length")
             done[mode, invert] = after
             yield from user.picture(f"comb_mode_{mode}{'_inverted' if invert else ''}")
