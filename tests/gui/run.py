@@ -24,7 +24,7 @@ LIMIT_SECONDS = 1800  # compiling the kernels on a busy machine and drawing in s
 
 
 # the first one compiles the kernels, as a new user's Blender does
-SESSIONS = ("session", "comb_session", "sintel_session")
+SESSIONS = ("session", *sorted(path.stem for path in HERE.glob("*_session.py")))
 # what docs/pictures keeps of the screenshots
 PICTURES = {
     "synthesized": "panel",
