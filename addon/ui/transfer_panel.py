@@ -25,7 +25,7 @@ class HAIRLOOM_PT_transfer(HairloomPanel, bpy.types.Panel):
         draw_settings(column, chosen.settings, ("strength", "smoothing", "length_mode"))
         button = layout.column()
         button.scale_y = 1.5
-        job_button(button, context, "MOD_HAIR", HAIRLOOM_OT_transfer_details)
+        job_button(button, context, "STRANDS", HAIRLOOM_OT_transfer_details)
         missing = details.why_no_transfer(context)
         if missing and not jobs.status(context).is_running:
             hint(layout, missing)
@@ -40,7 +40,7 @@ def _draw_result(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
         box = layout.box()
         column = box.column(align=True)
         column.label(text=f"Shape of {memory.base_name}", icon="OUTLINER_OB_CURVES")
-        column.label(text=f"Details of {memory.saved_detail or memory.source_name}", icon="MOD_HAIR")
+        column.label(text=f"Details of {memory.saved_detail or memory.source_name}", icon="STRANDS")
         missing = details.why_no_update(context, result)
         if missing:
             hint(box, missing)

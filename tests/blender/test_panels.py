@@ -8,6 +8,8 @@ import bpy
 import pytest
 import scenes
 
+ICONS = set(bpy.types.UILayout.bl_rna.functions["prop"].parameters["icon"].enum_items.keys())
+
 
 class Layout:
     """A layout that notes what is drawn into it."""
@@ -27,9 +29,11 @@ class Layout:
         pass
 
     def label(self, text="", icon="NONE"):
+        assert icon in ICONS, icon
         self.drawn.append(("label", text))
 
-    def prop(self, group, name, **_):
+    def prop(self, group, name, icon="NONE", **_):
+        assert icon in ICONS, icon
         assert name in group.bl_rna.properties, name
         self.drawn.append(("prop", f"{type(group).__name__}.{name}"))
 
@@ -37,7 +41,8 @@ class Layout:
         assert hasattr(holder, collection)
         self.prop(group, name)
 
-    def operator(self, name, **_):
+    def operator(self, name, icon="NONE", **_):
+        assert icon in ICONS, icon
         self.drawn.append(("operator", name))
         return SimpleNamespace()
 
