@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from .editing.collider import comb_collider
+from .editing.comb import comb
 from .editing.flow import FlowSession, extract_flow
+from .editing.object_space import return_to_object
+from .editing.strokes import MODES, CombParams, Stroke, View
 from .geometry.cleanup import clean_up
 from .geometry.head import default_head
 from .geometry.roots import scatter_roots
@@ -14,6 +18,7 @@ from .progress import NO_PROGRESS, Progress, subrange
 from .synthesis.hierarchy import HierarchyParams
 from .synthesis.pipeline import SynthesisParams, place_roots, synthesize
 from .synthesis.wisps import WispParams
+from .types import Head, StrandSet
 
 
 def compile_all(progress: Progress = NO_PROGRESS) -> int:
@@ -36,4 +41,21 @@ def compile_all(progress: Progress = NO_PROGRESS) -> int:
     session = FlowSession(strands, binding)
     session.update(flow)
     session.marks()
+    progress(0.98, "Compiling: comb")
+    _comb_in_all_modes(strands, head)
     return sum(bool(kernel.dispatcher.signatures) for kernel in KERNELS)
+
+
+def _comb_in_all_modes(strands: StrandSet, head: Head) -> None:
+    """A stroke of each mode over the middle of the hair, seen from the front, with and without the head."""
+    low, high = strands.points.min(axis=0), strands.points.max(axis=0)
+    matrix = np.eye(4)[[0, 2, 1, 3]] / float((high - low).max())
+    matrix[:3, 3] = -matrix[:3, :3] @ ((low + high) / 2)
+    matrix[3, 3] = 1.0
+    samples = np.array([[40.0, 50.0, 1.0], [60.0, 55.0, 1.0], [70.0, 60.0, 1.0]])
+    view, frame, selection = View(matrix, 100.0, 100.0), np.eye(4), np.ones(strands.n_strands, np.float32)
+    strokes = [Stroke(CombParams(mode=mode, radius=60.0), view, frame, samples, selection) for mode in MODES]
+    wisps = [np.arange(strands.n_strands, dtype=np.int32) // 4]
+    for collider in (None, comb_collider([head], strands.roots)):
+        combed = comb(strands, wisps, strokes, collider)
+    return_to_object(combed.points, strands.points, strands.points, frame)
