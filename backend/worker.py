@@ -16,6 +16,7 @@ import sys
 import threading
 import traceback
 from pathlib import Path
+from types import ModuleType
 from typing import Any, TextIO
 
 PACKAGE = "hairloom"
@@ -35,6 +36,11 @@ def _import_package(name: str) -> None:
     )
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    # the packages around it, empty: an import within the package looks up the first of them
+    ancestor = name.rpartition(".")[0]
+    while ancestor:
+        sys.modules.setdefault(ancestor, ModuleType(ancestor))
+        ancestor = ancestor.rpartition(".")[0]
     sys.modules[name] = module
     spec.loader.exec_module(module)
 

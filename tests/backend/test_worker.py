@@ -80,6 +80,7 @@ spec = importlib.util.spec_from_file_location("worker", {str(WORKER)!r})
 worker = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(worker)
 worker._import_package("bl_ext.user_default.hairloom.backend")
+importlib.import_module("bl_ext.user_default.hairloom.backend.editing.flow")  # imports from other packages in turn
 kernels = importlib.import_module("bl_ext.user_default.hairloom.backend.geometry._strands_kernels")
 print(kernels.resample_values.name)
 """
