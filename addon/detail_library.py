@@ -61,8 +61,9 @@ def saved_details() -> list[SavedDetail]:
     found: list[SavedDetail] = []
     for folder, is_bundled in ((user_folder(), False), (bundled_folder(), True)):
         if folder is not None and folder.is_dir():
-            paths = sorted(path for path in folder.iterdir() if path.suffix == ".npz" and path.is_file())
-            found += [SavedDetail(path.stem, path, is_bundled) for path in paths if not path.name.startswith(".")]
+            paths = [path for path in folder.iterdir() if path.suffix == ".npz" and path.is_file()]
+            own = [SavedDetail(path.stem, path, is_bundled) for path in paths if not path.name.startswith(".")]
+            found += sorted(own, key=lambda detail: detail.name.casefold())
     return found
 
 
