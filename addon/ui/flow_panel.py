@@ -12,7 +12,6 @@ class HAIRLOOM_PT_flow(HairloomPanel, bpy.types.Panel):
     bl_label = "Flow"
     # as the wisps' panel, and registered after it
     bl_order = 2
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, active = self.layout, scene.active_groom(context)
