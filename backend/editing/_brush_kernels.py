@@ -67,7 +67,7 @@ def front_depths(
 
 @device
 def _touch_segment(
-    a: Any, b: Any, place_a: float, place_b: float, brush: Any, hardness: float, amount: float, row: Any
+    a: Any, b: Any, place_a: float, place_b: float, brush: Any, deepest: float, hardness: float, amount: float, row: Any
 ) -> None:
     """Enter the part of a projected segment that is nearest to the brush; a, b are x, y, w, depth."""
     if a[2] <= 0.0 or b[2] <= 0.0:
@@ -79,7 +79,7 @@ def _touch_segment(
         t = ((brush[0] - a[0]) * dx + (brush[1] - a[1]) * dy) / square
         t = min(max(t, 0.0), 1.0)
     depth = a[3] + t * (b[3] - a[3])
-    if depth > brush[3]:
+    if depth > deepest:
         return
     away = sqrt((a[0] + t * dx - brush[0]) ** 2 + (a[1] + t * dy - brush[1]) ** 2)
     value = amount * _fade(away, brush[2], hardness)
@@ -91,11 +91,12 @@ def _touch_segment(
 @parallel_kernel
 def touch(
     points: Float32, offsets: Int32, members: Int32, starts: Int32, places: Float32, chosen: Int32, amounts: Float32,
-    matrix: Float64, half: Float64, forward: Float64, brush: Float64, hardness: float, touched: Float64,
+    matrix: Float64, half: Float64, forward: Float64, brush: Float64, deepest: Float64, hardness: float,
+    touched: Float64,
 ) -> None:  # fmt: skip
     """touched (n, N): how strongly the brush holds each sample of the chosen centers, through any hair of the wisp.
 
-    brush (4,): x, y and radius in pixels, and the largest depth that counts. amounts (S,): the selection.
+    brush (3,): x, y and radius in pixels. deepest (n,): the largest depth that counts. amounts (S,): the selection.
     """
     for a in numba.prange(len(chosen)):
         row = touched[a]
@@ -109,7 +110,9 @@ def touch(
                 here[0], here[1], here[2] = _to_pixels(matrix, half, px, py, pz)
                 here[3] = forward[0] * px + forward[1] * py + forward[2] * pz
                 if p > offsets[strand]:
-                    _touch_segment(before, here, places[p - 1], places[p], brush, hardness, amounts[strand], row)
+                    _touch_segment(
+                        before, here, places[p - 1], places[p], brush, deepest[a], hardness, amounts[strand], row
+                    )
                 before[:] = here
         _fill_gaps(row)
 

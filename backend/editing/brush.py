@@ -31,9 +31,9 @@ class Projection:
         return (clip[:, :2] / np.maximum(w, 1e-9)[:, None] + 1.0) * self.half, w
 
     def moves(self, points: Float64, pixels: Float64) -> Float64:
-        """World moves (n, 3) in the plane of the view that move points (n, 3) by `pixels` (2,) on the screen."""
+        """World moves (n, 3) in the plane of the view that move points (n, 3) by `pixels`, (2,) or (n, 2), in it."""
         w = points @ self.matrix[3, :3] + self.matrix[3, 3]
-        return np.asarray(np.maximum(w, 0.0)[:, None] * (self.drag @ pixels))
+        return np.asarray(np.maximum(w, 0.0)[:, None] * (pixels @ self.drag.T))
 
     def length(self, depth: float, pixels: float) -> float:
         """Metres that `pixels` are long at a depth along `forward`."""

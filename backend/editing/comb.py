@@ -22,7 +22,7 @@ from .binding import Binding, bind_strands, neighbour_graph, outward_normals, wi
 from .brush import Projection, mirrored, near_brush, pressed, profile_weights, steps_between
 from .collider import Collider
 from .deformation import DeformParams, collider_arrays, deform
-from .grips import Grips, pull, turn_step
+from .grips import Contacts, Grips, pull, turn_step
 from .strokes import CombParams, Stroke, View
 
 MAX_SAMPLES = 64  # points of a center strand
@@ -144,6 +144,7 @@ class _Running:
         everything = np.arange(binding.n_centers, dtype=np.int32)
         self._spheres = wisp_spheres(self.points, self._offsets, binding, everything)
         self._grips = np.zeros((len(self._views), binding.n_centers))
+        self._contacts = Contacts(len(self._views), binding.n_centers)
         self._allowed = None if not stroke.params.only_first else np.zeros(binding.n_centers, np.bool_)
         self._profile = profile_weights(stroke.params.profile, n_samples)
         self._normals: Float64 | None = None
@@ -179,7 +180,7 @@ class _Running:
             return self._change_lengths(grips, pixels, strength)
         self._activate(grips.numbers)
         if self.stroke.params.mode in ("comb", "lift"):
-            return self._pull(grips, pixels, strength)
+            return self._pull(grips, place, pixels, strength)
         return self._turn(grips, pixels, radius, strength)
 
     def _touch(self, place: Float64, radius: float) -> Grips:
@@ -189,7 +190,7 @@ class _Running:
             near = near_brush(view, self._spheres, place, radius)
             if self._allowed is not None and self._allowed.any():
                 near &= self._allowed
-            chosen, touched = self._touch_in(view, np.flatnonzero(near).astype(np.int32), place, radius)
+            chosen, touched = self._touch_in(view, np.flatnonzero(near).astype(np.int32), held, place, radius)
             most = touched.max(axis=1, initial=0.0)
             before = held[chosen]
             held[:] = 0.0
@@ -197,21 +198,27 @@ class _Running:
             found.append((chosen, touched / most[:, None] * held[chosen, None] * self._profile))
         return Grips.merged(found)
 
-    def _touch_in(self, view: Projection, near: Int32, place: Float64, radius: float) -> tuple[Int32, Float64]:
-        """The centers (n,) that one view's brush touches, and how firmly it holds each of their samples (n, N)."""
+    def _touch_in(
+        self, view: Projection, near: Int32, held: Float64, place: Float64, radius: float
+    ) -> tuple[Int32, Float64]:
+        """The centers (n,) that one view's brush touches, and how firmly it holds each of their samples (n, N).
+
+        What is held already stays so whatever comes in front of it.
+        """
         binding = self._binding
         hair = (self.points, self._offsets, binding.members, binding.starts)
         depths = np.empty(len(near))
         front_depths(*hair, near, view.matrix, view.half, view.forward, place, radius, depths)
         front = float(depths.min(initial=np.inf))
-        deepest = np.inf
+        deepest = np.full(len(near), np.inf)
         if not self.stroke.params.through and np.isfinite(front):
-            deepest = front + view.length(front, radius)
-        chosen = near[np.isfinite(depths) & (depths <= deepest)]
+            deepest[held[near] == 0] = front + view.length(front, radius)
+        kept = np.isfinite(depths) & (depths <= deepest)
+        chosen, deepest = near[kept], deepest[kept]
         touched = np.zeros((len(chosen), len(self._profile)))
         touch(
             *hair, binding.places, chosen, self._amounts, view.matrix, view.half, view.forward,
-            np.array([place[0], place[1], radius, deepest]), min(self.stroke.params.hardness, 0.999), touched,
+            np.array([place[0], place[1], radius]), deepest, min(self.stroke.params.hardness, 0.999), touched,
         )  # fmt: skip
         kept = touched.any(axis=1)
         return chosen[kept], touched[kept]
@@ -238,7 +245,7 @@ class _Running:
             np.concatenate([active.turns, turns]),
         )
 
-    def _pull(self, grips: Grips, pixels: Float64, strength: float) -> bool:
+    def _pull(self, grips: Grips, place: Float64, pixels: Float64, strength: float) -> bool:
         """Comb and lift: handles pull, and the centers are deformed."""
         params = self.stroke.params
         live = grips.numbers
@@ -251,7 +258,9 @@ class _Running:
         if params.mode == "lift" and self._normals is None:
             self._normals = outward_normals(self._binding.centers[:, 0])
         normals = self._normals[live] if params.mode == "lift" and self._normals is not None else None
-        weights, targets = pull(grips, live, points, self._views, pixels, params, strength, normals)
+        weights, targets = pull(
+            grips, self._contacts, live, points, self._views, place, pixels, params, strength, normals
+        )
         result = deform(
             points, weights, targets, self._graph, DeformParams(drag=params.drag),
             rest=self._active.rest[rows], active=live, collider=self._collider,

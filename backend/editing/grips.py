@@ -41,43 +41,115 @@ class Grips:
         return np.asarray(self.holds.max(axis=(0, 2)))
 
 
+class Contacts:
+    """Where each view's brush holds each center: pixels from the brush's middle, kept while the hair slips along.
+
+    A goal that is kept, instead of moves that are added up, is why hair does not drift out of the brush.
+    """
+
+    def __init__(self, n_views: int, n_centers: int) -> None:
+        self.offsets = np.full((n_views, n_centers, 2), np.nan)
+
+    def goals(
+        self, view: int, numbers: Int32, pixels: Float64, place: Float64, move: Float64, share: Float64
+    ) -> Float64:
+        """(n, 2) pixels where the contacts of centers `numbers` (n,) shall be once the brush has made a move (2,).
+
+        pixels : (n, N, 2) of the centers' samples. place : (2,) of the brush before the move. share : (n,) of the move
+        that each contact makes. New contacts are where a center is nearest to the middle of the brush.
+        """
+        known = self.offsets[view]
+        fresh = np.isnan(known[numbers, 0])
+        released = np.ones(len(known), np.bool_)
+        released[numbers] = False
+        known[released] = np.nan
+        if fresh.any():
+            known[numbers[fresh]] = nearest_on(pixels[fresh], np.broadcast_to(place, (int(fresh.sum()), 2)))[0] - place
+        known[numbers] += (share - 1.0)[:, None] * move
+        return np.asarray(place + move + known[numbers])
+
+
+def nearest_on(pixels: Float64, goals: Float64) -> tuple[Float64, Float64]:
+    """The points (n, 2) of polylines (n, N, 2) nearest to goals (n, 2), and where they are, in samples (n,)."""
+    starts, edges = pixels[:, :-1], np.diff(pixels, axis=1)
+    squares = np.maximum((edges**2).sum(axis=2), 1e-12)
+    t = np.clip(((goals[:, None] - starts) * edges).sum(axis=2) / squares, 0.0, 1.0)
+    points = starts + t[:, :, None] * edges
+    best = ((points - goals[:, None]) ** 2).sum(axis=2).argmin(axis=1)
+    rows = np.arange(len(goals))
+    return points[rows, best], best + t[rows, best]
+
+
 def pull(
     grips: Grips,
+    contacts: Contacts,
     live: Int32,
     points: Float64,
     views: tuple[Projection, ...],
-    pixels: Float64,
+    place: Float64,
+    drag: Float64,
     params: CombParams,
     strength: float,
     normals: Float64 | None,
 ) -> tuple[Float64, Float64]:
-    """Handles of the live centers (L,) for a drag of `pixels` (2,): weights (L, N) and targets (L, N, 3), metres.
+    """Handles of the live centers (L,) for a drag (2,), pixels, from `place`: weights (L, N), targets (L, N, 3).
 
-    Comb: held samples go with the brush across their strand and let it slip along; lift: along `normals` (L, 3).
+    Comb: the contact goes with the brush across its strand, which slips along; lift: along `normals` (L, 3).
     """
     rows = np.searchsorted(live, grips.numbers)
     held = points[rows]
     total = np.zeros(held.shape)
     weight = np.zeros(held.shape[:2])
-    along = _directions(held, _TANGENT_SAMPLES)
-    for view, hold in zip(views, grips.holds):
-        move = view.moves(held.reshape(-1, 3), pixels).reshape(held.shape)
+    for number, (view, hold) in enumerate(zip(views, grips.holds)):
+        touched = np.flatnonzero(hold.any(axis=1))
+        shape = hold[touched] / hold[touched].max(axis=1, initial=1e-9)[:, None]
         if params.mode == "lift":
             assert normals is not None
-            way = np.linalg.norm(move, axis=2, keepdims=True) * (-1.0 if params.invert else 1.0)
-            move = way * normals[rows][:, None, :]
+            way = np.linalg.norm(view.moves(held[touched].reshape(-1, 3), drag), axis=1).reshape(shape.shape)
+            way *= strength * hold[touched] * (-1.0 if params.invert else 1.0)
+            move = way[:, :, None] * normals[rows[touched]][:, None, :]
         else:
-            move = move - params.slip * (move * along).sum(axis=2, keepdims=True) * along
-        total += hold[:, :, None] * move
-        weight += hold
+            share = strength * hold[touched].max(axis=1, initial=0.0)
+            move = shape[:, :, None] * _comb_moves(
+                contacts, number, grips.numbers[touched], held[touched], view, place, drag, params.slip, share
+            )
+        total[touched] += move
+        weight[touched] += shape
     # where the brush and its mirror image hold the same hair, they share it
     total /= np.maximum(weight, 1.0)[:, :, None]
     weights, targets = np.zeros(points.shape[:2]), points.copy()
-    shape = np.minimum(weight, 1.0) / np.maximum(grips.holds.max(axis=(0, 2)), 1e-9)[:, None]
-    weights[rows] = HANDLE_WEIGHT * np.minimum(shape, 1.0) ** 2
+    weights[rows] = HANDLE_WEIGHT * np.minimum(weight, 1.0) ** 2
     weights[:, :2] = 0.0
-    targets[rows] += strength * total
+    targets[rows] += total
     return weights, targets
+
+
+def _comb_moves(
+    contacts: Contacts,
+    number: int,
+    numbers: Int32,
+    held: Float64,
+    view: Projection,
+    place: Float64,
+    drag: Float64,
+    slip: float,
+    share: Float64,
+) -> Float64:
+    """(n, 1, 3) world moves that bring the contacts of centers (n, N, 3) to where the brush wants them."""
+    count, n_samples = held.shape[:2]
+    pixels = view.pixels(held.reshape(-1, 3))[0].reshape(count, n_samples, 2)
+    goals = contacts.goals(number, numbers, pixels, place, drag, share)
+    nearest, where = nearest_on(pixels, goals)
+    across = goals - nearest
+    sample = np.rint(where).astype(np.int64)
+    rows = np.arange(count)
+    along = pixels[rows, np.minimum(sample + _TANGENT_SAMPLES, n_samples - 1)]
+    along = _unit(along - pixels[rows, np.maximum(sample - _TANGENT_SAMPLES, 0)])
+    # beyond the tip the nearest point is not beside the goal; what pulls along the strand only slips
+    across -= (across * along).sum(axis=1, keepdims=True) * along
+    kept = (1.0 - slip) * share[:, None] * (along @ drag)[:, None] * along
+    contact = held[rows, sample]
+    return view.moves(contact, across + kept)[:, None]
 
 
 def turn_step(
