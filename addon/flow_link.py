@@ -14,7 +14,9 @@ FLOW = "hairloom_flow"
 PLACE, OFFSET, STEP = "hairloom_flow_place", "hairloom_flow_offset", "hairloom_flow_step"
 # on the groom, for each strand: by what edits are found
 REACH, HEADING = "hairloom_flow_check", "hairloom_flow_heading"
-# on the flow, for each strand: frame at the root, width of its wisp, length when the hair was bound to it
+# on the flow, for each strand: frame at the root, width of its wisp, length when the hair was bound to it. The frame is
+# in the object's axes and turns with it; Blender's Join and Apply Rotation turn positions only, so a flow whose object
+# was turned is applied first and joined then
 NORMAL, TANGENT = "hairloom_flow_normal", "hairloom_flow_tangent"
 WIDTH, LENGTH = "hairloom_flow_width", "hairloom_flow_length"
 
