@@ -23,30 +23,25 @@ import importlib, json, os, sys, time
 import bpy
 bpy.ops.preferences.addon_enable(module=MODULE)
 import numpy as np
-from scipy.spatial import cKDTree
 def module(name): return importlib.import_module(f"{MODULE}.{name}")
 comb, strokes, curves, wisps = (module(name) for name in (
     "bridge.comb", "backend.editing.strokes", "bridge.curves", "bridge.wisps"))
-rng = np.random.default_rng(0)
 bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-bpy.ops.hairloom.add_head()
-head = bpy.context.object
-surface = module("bridge.mesh").read_head(head, "Scalp")
-roots = module("backend.geometry.roots").scatter_roots(surface, surface.scalp, N_STRANDS, 0, iterations=2).points
-middle = surface.vertices[surface.triangles[surface.scalp]].reshape(-1, 3).mean(axis=0) - [0, 0, 0.06]
-outward = roots - middle
-outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-along = np.linspace(0, 1, 64)[None, :, None]
-points = roots[:, None] + 0.2 * along * outward[:, None] + [0, 0, -0.1] * along**2
-points = points.astype(np.float32)
-groom = curves.new_object("Hair", module("backend.geometry.strands").from_dense(points), bpy.context.collection)
-fine = roots[rng.choice(N_STRANDS, N_STRANDS // 50, replace=False)]
-coarse = fine[:: 4]
-of_strand = cKDTree(fine).query(roots)[1].astype(np.int32)
-wisps.write_labels(groom, [of_strand, cKDTree(coarse).query(fine)[1].astype(np.int32)[of_strand]])
-center, reach = points.reshape(-1, 3).mean(axis=0), 0.3
-# seen from the front, 0.3 m to each side
-matrix = np.array([[1, 0, 0, -center[0]], [0, 0, 1, -center[2]], [0, 1, 0, 0], [0, 0, 0, reach]], float) / reach
+# a starter groom of 10,000 strands; more strands are copies of them beside themselves, in the same wisps
+bpy.ops.hairloom.add_starter_groom(groom="Wavy")
+bpy.ops.hairloom.cluster_wisps()
+example, head = bpy.context.object, bpy.context.scene.hairloom.head
+labels = [wisps.read_labels(example, level) for level in (1, 2)]
+geometry = module("backend.geometry.strands")
+points = geometry.resample(curves.read_strands(example), 64)
+copies = -(-N_STRANDS // len(points))
+shifts = np.random.default_rng(0).normal(0, 0.0005, (copies * len(points), 1, 3))
+points = (np.tile(points, (copies, 1, 1)) + shifts)[:N_STRANDS].astype(np.float32)
+groom = curves.new_object("Hair", geometry.from_dense(points), bpy.context.collection)
+wisps.write_labels(groom, [np.tile(of_strand, copies)[:N_STRANDS] for of_strand in labels])
+# seen from the left, 0.25 m to each side
+middle = np.median(points.reshape(-1, 3), axis=0)
+matrix = np.array([[0, -1, 0, middle[1]], [0, 0, 1, -middle[2]], [-1, 0, 0, 0], [0, 0, 0, 0.25]], float) / 0.25
 view = strokes.View(matrix, 1000.0, 1000.0)
 def start(radius, **changes):
     params = strokes.CombParams(radius=radius, **changes)
@@ -60,7 +55,7 @@ def touched():
 def moves(radius, times, **changes):
     live, found = start(radius, **changes), []
     for i in range(times):
-        found.append(seconds(lambda: live.move(420.0 + 8 * i, 560.0))[0])
+        found.append(seconds(lambda: live.move(460.0 + 8 * i, 520.0))[0])
     share = touched()
     live.cancel()
     return found[1:], share
@@ -81,14 +76,14 @@ def cancelled(): live = start(radius); live.cancel()
 again = min(seconds(cancelled)[0] for _ in range(5))
 steps, moved = moves(radius, 12)
 write = min(seconds(lambda: live_write())[0] for _ in range(5))
-live = start(radius); live.move(420.0, 560.0)
+live = start(radius); live.move(460.0, 520.0)
 def drawn():
-    live.move(live_place[0], 560.0); live_place[0] += 8; bpy.context.view_layer.update()
-live_place = [428.0]
+    live.move(live_place[0], 520.0); live_place[0] += 8; bpy.context.view_layer.update()
+live_place = [468.0]
 updates = [seconds(drawn)[0] for _ in range(8)]
 live.cancel()
 print("RESULT" + json.dumps({"new": min(colliding), "again": again, "move": sorted(steps)[len(steps) // 2],
-    "move_most": max(steps), "updated": sorted(updates)[len(updates) // 2], "share": share,
+    "move_most": max(steps), "updated": sorted(updates)[len(updates) // 2], "share": share, "radius": radius,
     "moved": moved, "write": write}))
 sys.stdout.flush(); os._exit(0)
 """
@@ -122,7 +117,8 @@ def run(*, quick: bool = False) -> list[dict[str, Any]]:
             continue
         found = _run(n_strands)
         size = f"{n_strands // 1000}k x 64"
-        brush = f"brush over {found['share']:.0%} of the strands; after 12 moves {found['moved']:.0%} have moved"
+        share, moved = f"{found['share']:.0%}", f"{found['moved']:.0%}"
+        brush = f"brush of {found['radius']:.0f} pixels over {share} of the strands; 12 moves moved {moved}"
         rows += [
             (f"{size}: start of the first stroke", found["new"], START_TARGET, "collider kept, session new"),
             (f"{size}: start of the next stroke", found["again"], 0.1, "session kept"),
