@@ -14,6 +14,9 @@ import numpy as np
 from ..kernels import device, parallel_kernel
 from ..types import Bools, Float32, Int32
 
+# cosines between the waves before the tip and the ones that are most like them: below the first they do not go on
+_UNLIKE, _ALIKE = 0.5, 0.85
+
 
 @parallel_kernel
 def split_details(
@@ -46,72 +49,85 @@ def split_details(
 
 
 @parallel_kernel
-def find_loops(details: Float32, window: int, first: int, last: int) -> tuple[Int32, Float32]:
-    """Where the details (U, 3, N) of a strand go on from when its tip is passed, so that nobody sees the seam.
+def find_loops(waves: Float32, window: int, first: int, last: int) -> tuple[Int32, Float32]:
+    """Where the waves (U, 3, N) of a strand go on from when its tip is passed, so that nobody sees the seam.
 
     The point j of first..last is taken that, turned about the center strand by the best angle, has the `window`
-    points before it most like those before the tip. Returns starts (U,) and seams (U, 5): cosine and sine of that
-    angle, and what is missing at the tip once turned, (normal, binormal, tangent).
+    points before it most like those before the tip. Returns starts (U,) and seams (U, 6): cosine and sine of that
+    angle, what is missing at the tip once turned (normal, binormal, tangent), and the share in which the waves go on:
+    0 where nothing is like the tip, for then there are no waves but the last bend of a strand, 1 where much is.
     """
-    count, n = details.shape[0], details.shape[2]
+    count, n = waves.shape[0], waves.shape[2]
     tip = n - 1
-    starts = np.empty(count, np.int32)
-    seams = np.empty((count, 5), np.float32)
+    starts = np.full(count, first, np.int32)
+    seams = np.zeros((count, 6), np.float32)
     for u in numba.prange(count):
-        best = np.inf
+        best = -1.0
         for j in range(first, last + 1):
             # sum of conj(z_j) z_tip over the window, z = normal + i binormal: its phase is the best angle
             real, imaginary, energy, along = 0.0, 0.0, 0.0, 0.0
             for k in range(window):
-                a, b = details[u, 0, j - k], details[u, 1, j - k]
-                c, d = details[u, 0, tip - k], details[u, 1, tip - k]
+                a, b = waves[u, 0, j - k], waves[u, 1, j - k]
+                c, d = waves[u, 0, tip - k], waves[u, 1, tip - k]
+                e, f = waves[u, 2, j - k], waves[u, 2, tip - k]
                 real += a * c + b * d
                 imaginary += a * d - b * c
-                energy += a * a + b * b + c * c + d * d
-                step = details[u, 2, j - k] - details[u, 2, tip - k]
-                along += step * step
+                energy += a * a + b * b + c * c + d * d + e * e + f * f
+                along += e * f
             size = sqrt(real * real + imaginary * imaginary)
-            misfit = energy - 2.0 * size + along
-            if misfit < best:
-                best = misfit
+            likeness = 2.0 * (size + along) / energy if energy > 0.0 else 0.0
+            if likeness > best:
+                best = likeness
                 starts[u] = j
                 seams[u, 0] = real / size if size > 0.0 else 1.0
                 seams[u, 1] = imaginary / size if size > 0.0 else 0.0
         j = starts[u]
         cosine, sine = seams[u, 0], seams[u, 1]
-        seams[u, 2] = details[u, 0, tip] - (cosine * details[u, 0, j] - sine * details[u, 1, j])
-        seams[u, 3] = details[u, 1, tip] - (sine * details[u, 0, j] + cosine * details[u, 1, j])
-        seams[u, 4] = details[u, 2, tip] - details[u, 2, j]
+        share = min(1.0, max(0.0, (best - _UNLIKE) / (_ALIKE - _UNLIKE)))
+        share = share * share * (3.0 - 2.0 * share)
+        seams[u, 2] = waves[u, 0, tip] - (cosine * waves[u, 0, j] - sine * waves[u, 1, j])
+        seams[u, 3] = waves[u, 1, tip] - (sine * waves[u, 0, j] + cosine * waves[u, 1, j])
+        seams[u, 4] = waves[u, 2, tip] - waves[u, 2, j]
+        seams[u, 5] = share
     return starts, seams
 
 
 @device
-def _detail_at(detail, start, seam, fade, place):  # type: ignore[no-untyped-def]
-    """The detail (3, N) at `place` samples from the root, beyond the tip played on from `start` again and again."""
-    n = detail.shape[1]
-    tip = n - 1
+def _cubic(values, i, t):  # type: ignore[no-untyped-def]
+    """Catmull-Rom between values[i] and values[i + 1]: a chord would cut a curl of 5 samples a turn by a tenth."""
+    b, c = values[i], values[i + 1]
+    a = values[i - 1] if i > 0 else 2 * b - c
+    d = values[i + 2] if i + 2 < len(values) else 2 * c - b
+    half = np.float32(0.5)
+    return b + half * t * (c - a + t * (2 * a - 5 * b + 4 * c - d + t * (3 * (b - c) + d - a)))
+
+
+@device
+def _wave_at(wave, start, seam, fade, place):  # type: ignore[no-untyped-def]
+    """The wave (3, N) at `place` samples from the root, beyond the tip played on from `start` again and again."""
+    tip = wave.shape[1] - 1
     laps = 0
     if place > tip:
         period = tip - start
-        laps = int((place - tip) / period)
-        beyond = place - tip - laps * period
-        laps += 1
-        place = start + beyond
+        laps = 1 + int((place - tip) / period)
+        place -= laps * period
     i = min(int(place), tip - 1)
-    share = np.float32(place - i)
-    x = (1 - share) * detail[0, i] + share * detail[0, i + 1]
-    y = (1 - share) * detail[1, i] + share * detail[1, i + 1]
-    z = (1 - share) * detail[2, i] + share * detail[2, i + 1]
+    part = np.float32(place - i)
+    x, y, z = _cubic(wave[0], i, part), _cubic(wave[1], i, part), _cubic(wave[2], i, part)
     if laps == 0:
         return x, y, z
-    left = np.float32(max(0.0, 1.0 - (place - start) / fade))
     angle = np.arctan2(seam[1], seam[0])
-    # the seam's rest is as wide as the lap before left it
-    turn = angle * (laps - 1)
-    c, s = np.float32(cos(turn)), np.float32(sin(turn))
-    rest_x, rest_y = c * seam[2] - s * seam[3], s * seam[2] + c * seam[3]
-    c, s = np.float32(cos(turn + angle)), np.float32(sin(turn + angle))
-    return c * x - s * y + left * rest_x, s * x + c * y + left * rest_y, z + left * seam[4]
+    c, s = np.float32(cos(laps * angle)), np.float32(sin(laps * angle))
+    x, y, z = c * x - s * y, s * x + c * y, z
+    # what the lap before ended with and this one lacks fades away
+    left = np.float32(max(0.0, 1.0 - (place - start) / fade))
+    c, s = np.float32(cos((laps - 1) * angle)), np.float32(sin((laps - 1) * angle))
+    x, y, z = x + left * (c * seam[2] - s * seam[3]), y + left * (s * seam[2] + c * seam[3]), z + left * seam[4]
+    share = seam[5]
+    if laps > 1:
+        return share * x, share * y, share * z
+    rest = (1 - share) * left
+    return share * x + rest * wave[0, tip], share * y + rest * wave[1, tip], share * z + rest * wave[2, tip]
 
 
 @device
@@ -151,14 +167,15 @@ def lay_details(
     in_root_frames: Float32,
     in_point_frames: Float32,
     scales: Float32,
+    rates: Float32,
 ) -> None:
     """Add to `result` (S, N, 3) the weighted displacements of the donors, laid onto the output's center strands.
 
     A donor's `shapes` (U, 3, N) go by the share of the strand, scaled, blended from root to tip between the frame of
     the root and those along the center (eqs. 5 to 8). Its `waves` (U, 3, N), none if U is 0, go by length along the
     center, in the frames along it alone. donors, weights (S, D) name rows of these; donor_wisps (U,) input centers.
-    scales (S, D, 3): of shapes across and along the center, and input samples in an output sample.
-    starts, seams, fade : how waves go on beyond the tip, see `find_loops`; none if the waves are short of no output.
+    scales, rates (S, D): factor of the shapes, and input samples in an output sample for the waves.
+    starts, seams, fade : how waves go on beyond the tip, see `find_loops`.
     """
     n = result.shape[1]
     for s in numba.prange(result.shape[0]):
@@ -174,24 +191,22 @@ def lay_details(
             u = donors[s, d]
             b = donor_wisps[u]
             in_root = in_root_frames[b]
-            across, along, rate = scales[s, d, 0], scales[s, d, 1], scales[s, d, 2]
-            first = _into(
-                in_point_frames[b, 0], across * shapes[u, 0, 0], across * shapes[u, 1, 0], along * shapes[u, 2, 0]
-            )
+            scale, rate = scales[s, d], rates[s, d]
+            first = _into(in_point_frames[b, 0], shapes[u, 0, 0], shapes[u, 1, 0], shapes[u, 2, 0])
             for i in range(n):
                 t = np.float32(i) / np.float32(n - 1)
-                p, q, r = across * shapes[u, 0, i], across * shapes[u, 1, i], along * shapes[u, 2, i]
+                p, q, r = shapes[u, 0, i], shapes[u, 1, i], shapes[u, 2, i]
                 x, y, z = _into(in_point_frames[b, i], p, q, r)
                 x, y, z = _out_of(in_root, x - first[0], y - first[1], z - first[2])
                 x, y, z = _into(out_root, x, y, z)
-                p, q, r = t * p, t * q, t * r
+                p, q, r = t * scale * p, t * scale * q, t * scale * r
                 if len(waves):
-                    wave = _detail_at(waves[u], starts[u], seams[u], fade, i * rate)
+                    wave = _wave_at(waves[u], starts[u], seams[u], fade, i * rate)
                     p, q, r = p + wave[0], q + wave[1], r + wave[2]
                 p, q, r = _into(out_point_frames[center, i], p, q, r)
-                result[s, i, 0] += weight * ((1 - t) * (shift_x + x) + p)
-                result[s, i, 1] += weight * ((1 - t) * (shift_y + y) + q)
-                result[s, i, 2] += weight * ((1 - t) * (shift_z + z) + r)
+                result[s, i, 0] += weight * ((1 - t) * (shift_x + scale * x) + p)
+                result[s, i, 1] += weight * ((1 - t) * (shift_y + scale * y) + q)
+                result[s, i, 2] += weight * ((1 - t) * (shift_z + scale * z) + r)
 
 
 @parallel_kernel

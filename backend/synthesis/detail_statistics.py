@@ -26,7 +26,7 @@ class DetailSpectrum:
     curvature : (B,) float64, unit^-2: power of the curvature vector carried along the strand without twist; a curl of
         any kind shows at its own wavelength, along the strand.
     torsion : (B,) float64, unit^-2: power of the torsion where the strand bends; a helix winds evenly, so it shows in
-        the last bin.
+        the last bins, about the strand's length and above.
     """
 
     edges: Float64

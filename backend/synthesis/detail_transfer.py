@@ -18,13 +18,15 @@ from ..progress import NO_PROGRESS, Progress
 from ..types import Float32, Float64, Int32, RootedStrands, WispHierarchy
 from ._detail_kernels import find_loops, lay_details, split_details
 from ._transfer_kernels import find_donors
+from .detail_sampling import WAVE_SIGMA, needed_subdivision, smoother, subdivide_levels
 from .features import fit_features
+from .matching import match_evenly
 from .transfer import TransferParams, align_frames, donor_weights, point_frames, root_offsets
 
 LENGTH_MODES = ("tile", "scale", "plain")
+MATCHINGS = ("even", "similar")
 FULL_SMOOTHING = 0.25  # sigma of the coarsest level's smoothing at `smoothing` 1, share of the strand
-WAVE_SIGMA = 0.12  # what is smoother than this share of the strand belongs to the shape of a wisp, not to its waves
-N_SIMILAR = 4  # wisps that a seed above 0 chooses among
+SEED_NOISE = 0.5  # of the choice of wisps by a seed above 0: share of the spread of the wisps' features
 ALL_FINER_LEVELS = (0, 1, 2)  # a hierarchy has four levels at most
 
 
@@ -40,17 +42,20 @@ class DetailParams:
     length_mode : what is done about other lengths (W-L2). "tile": waves and curls keep their size and go on for as
         long as the hair does, spread and taper of wisps fit the strand; "scale": all grows with the ratio of lengths;
         "plain": the paper's, by share of the strand, unscaled.
-    follow_wisps : a wisp takes its details from the wisp whose center its own center took its details from; False
-        looks for the center of most similar shape on each level anew, as the paper does.
+    matching : which wisp lends its details. "even": every wisp of the detail hairstyle about equally often, to wisps of
+        similar shape, and a finer wisp follows its center; "similar": the paper's, the most similar wisp on each level.
+    max_subdivision : strands get up to this times as many segments where curls would be drawn with too few on hair
+        longer than that which they come from; 1 never.
     transfer : search for the most similar wisp and strand.
-    seed : 0 takes the most similar wisp, each other number its own choice among the four most similar.
+    seed : 0 matches wisps by their shapes as they are, each other number by shapes changed at random.
     """
 
     levels: tuple[int, ...] = ALL_FINER_LEVELS
     strength: float = 1.0
     smoothing: float = 0.5
     length_mode: str = "tile"
-    follow_wisps: bool = True
+    matching: str = "even"
+    max_subdivision: int = 4
     transfer: TransferParams = field(default_factory=TransferParams)
     seed: int = 0
 
@@ -63,6 +68,8 @@ class DetailParams:
             self.length_mode in LENGTH_MODES,
             f"length_mode is '{self.length_mode}'; it must be one of {', '.join(LENGTH_MODES)}",
         )
+        require(self.matching in MATCHINGS, f"matching is '{self.matching}'; it must be one of {', '.join(MATCHINGS)}")
+        require(1 <= self.max_subdivision <= 8, f"max_subdivision is {self.max_subdivision}; it must be in 1..8")
         require(0 <= self.seed < 2**31, f"seed is {self.seed}; it must be in 0..2147483647")
 
 
@@ -71,7 +78,8 @@ class DetailResult:
     """What transfer_style made.
 
     strands : the base's strands with the other hairstyle's details, on the base's roots and in their frames.
-    levels : all levels, finest first; levels[0] is `strands`, levels[-1] the base's own coarsest level.
+    levels : all levels, finest first; levels[0] is `strands`, levels[-1] the base's own coarsest level. All have
+        `subdivision` times as many segments as the base; its points are among those of levels[-1].
     matches : per finer level (K,) int32, the detail hairstyle's wisp for each output wisp; empty if not taken.
     donors : per finer level (S, D) int32, the strands whose details each strand took, best first; empty if not taken.
     """
@@ -80,6 +88,7 @@ class DetailResult:
     levels: tuple[RootedStrands, ...]
     matches: tuple[Int32, ...]
     donors: tuple[Int32, ...]
+    subdivision: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,28 +115,6 @@ class _Along:
         return cls(points, aligned, point_frames(points, aligned), polyline_lengths(points))
 
 
-def smoother(n_points: int, sigma: float) -> Float64:
-    """(N, N) float64: the matrix that smooths the N points of a strand by a Gaussian of `sigma` samples.
-
-    The root stays, since the strand is continued beyond it by its reflection in the root. At the tip, where nothing
-    can be known beyond, the value is that of a line fitted with the Gaussian's weights: a curl is smoothed to its axis
-    up to the tip, whereas a tip that is held would leave a hook.
-    """
-    if sigma <= 0.0:
-        return np.eye(n_points)
-    reach = min(n_points - 1, int(np.ceil(4 * sigma)))
-    places = np.arange(-reach, n_points)
-    gap = places[None, :] - np.arange(n_points)[:, None]
-    weights = np.exp(-0.5 * (gap / sigma) ** 2)
-    moments = [(weights * gap**power).sum(axis=1, keepdims=True) for power in range(3)]
-    fitted = weights * (moments[2] - gap * moments[1]) / (moments[0] * moments[2] - moments[1] ** 2)
-    matrix = np.array(fitted[:, reach:])
-    mirrored = fitted[:, :reach][:, ::-1]  # of the points -1, -2 ...: twice the root less the points 1, 2 ...
-    matrix[:, 0] += 2 * mirrored.sum(axis=1)
-    matrix[:, 1 : reach + 1] -= mirrored
-    return matrix
-
-
 def smooth_strands(strands: RootedStrands, smoothing: float) -> RootedStrands:
     """The strands without their curls (sec. 6; W-U6); roots stay. `smoothing` as in DetailParams."""
     if smoothing == 0.0:
@@ -137,8 +124,8 @@ def smooth_strands(strands: RootedStrands, smoothing: float) -> RootedStrands:
     return strands.with_points(np.ascontiguousarray(points - points[:, :1], dtype=np.float32))
 
 
-def similar_wisps(out_centers: RootedStrands, in_centers: RootedStrands, params: DetailParams) -> Int32:
-    """(K,) int32: for each output center an input center of similar shape (W-22).
+def match_details(out_centers: RootedStrands, in_centers: RootedStrands, params: DetailParams) -> Int32:
+    """(K,) int32: for each output center the input center whose wisp lends its details (W-22).
 
     Unless the mode is the paper's, shapes are compared at equal length: hair that is three times as long would find
     nothing but the longest wisps similar.
@@ -148,13 +135,13 @@ def similar_wisps(out_centers: RootedStrands, in_centers: RootedStrands, params:
         lengths = [np.maximum(polyline_lengths(points), 1e-9) for points in aligned]
         aligned = [(points / size[:, None, None]).astype(np.float32) for points, size in zip(aligned, lengths)]
     basis = fit_features(np.concatenate(aligned), params.transfer.n_features)
-    tree = cKDTree(basis.encode(aligned[0]))
-    n_choices = 1 if params.seed == 0 else min(N_SIMILAR, in_centers.n_strands)
-    similar = tree.query(basis.encode(aligned[1]), k=n_choices)[1].reshape(-1, n_choices)
-    if n_choices == 1:
-        return np.asarray(similar[:, 0], dtype=np.int32)
-    chosen = np.random.default_rng(params.seed).integers(n_choices, size=len(similar))
-    return np.asarray(similar[np.arange(len(similar)), chosen], dtype=np.int32)
+    lenders, takers = (basis.encode(points).astype(np.float64) for points in aligned)
+    if params.seed > 0:
+        spread = SEED_NOISE * takers.std(axis=0)
+        takers += np.random.default_rng(params.seed).normal(size=takers.shape) * spread
+    if params.matching == "even":
+        return match_evenly(takers, lenders)
+    return np.asarray(cKDTree(lenders).query(takers)[1], dtype=np.int32)
 
 
 def transfer_style(
@@ -177,6 +164,8 @@ def transfer_style(
     InputError : hierarchies of different numbers of levels or points a strand.
     """
     _check_alike(detail, base)
+    factor = _subdivision(detail, base, params)
+    detail, base = subdivide_levels(detail, factor), subdivide_levels(base, factor)
     coarsest = base.n_levels - 1
     current = base.levels[coarsest]
     levels, all_matches, all_donors = [current], [], []
@@ -192,18 +181,18 @@ def transfer_style(
             if level + 1 == coarsest:
                 in_centers = smooth_strands(in_centers, params.smoothing)
             other = _Wisps(detail.levels[level], detail.labels[level], in_centers)
-            used = matches if matches is not None else similar_wisps(current, in_centers, params)
+            used = matches if matches is not None else match_details(current, in_centers, params)
             current, donors = _blend(current, own, other, used, share, params)
         elif current is not own.centers:
             current, _ = _blend(current, own, None, used, 0.0, params)
         else:
             current = own.strands
-        matches = np.ascontiguousarray(donors[:, 0]) if share > 0.0 and params.follow_wisps else None
+        matches = np.ascontiguousarray(donors[:, 0]) if share > 0.0 and params.matching == "even" else None
         levels.append(current)
         all_matches.append(used)
         all_donors.append(donors)
     progress(1.0, "Done")
-    return DetailResult(current, tuple(levels[::-1]), tuple(all_matches[::-1]), tuple(all_donors[::-1]))
+    return DetailResult(current, tuple(levels[::-1]), tuple(all_matches[::-1]), tuple(all_donors[::-1]), factor)
 
 
 def _check_alike(detail: WispHierarchy, base: WispHierarchy) -> None:
@@ -221,38 +210,46 @@ def _check_alike(detail: WispHierarchy, base: WispHierarchy) -> None:
     )
 
 
+def _subdivision(detail: WispHierarchy, base: WispHierarchy, params: DetailParams) -> int:
+    taken = [level for level in params.levels if level < base.n_levels - 1]
+    if params.length_mode != "tile" or not taken or params.strength == 0.0:
+        return 1
+    lenders = smooth_strands(detail.levels[-1], params.smoothing)
+    return needed_subdivision(detail.levels[min(taken)], lenders, base.levels[-1], params.max_subdivision)
+
+
 def _blend(
     centers: RootedStrands, own: _Wisps, other: _Wisps | None, matches: Int32, share: float, params: DetailParams
 ) -> tuple[RootedStrands, Int32]:
     """The strands of a level on new `centers`: (1 - share) of their own displacements and `share` of the other's."""
-    along = _Along.of(centers)
-    result = along.points[own.labels]
+    onto = _Along.of(centers)
+    result = onto.points[own.labels]
     donors = np.zeros((own.strands.n_strands, 0), np.int32)
     if share != 1.0:
         themselves = np.arange(own.strands.n_strands, dtype=np.int32)[:, None]
         weights = np.full(themselves.shape, 1.0 - share, np.float32)
-        _add_details(result, own, along, own, themselves, weights, "plain")
+        _add_details(result, own, onto, own, _Along.of(own.centers), themselves, weights, "plain")
     if other is not None:
-        donors, distances = _choose_donors(centers, own, other, matches, params.transfer.n_donors)
+        along = _Along.of(other.centers)
+        donors, distances = _choose_donors(centers, own, onto, other, along, matches, params.transfer.n_donors)
         weights = np.float32(share) * donor_weights(distances)
-        _add_details(result, own, along, other, donors, weights, params.length_mode)
+        _add_details(result, own, onto, other, along, donors, weights, params.length_mode)
     local = np.matmul(result - own.strands.roots[:, None, :], own.strands.frames)
     local[:, 0] = 0.0
     return own.strands.with_points(local), donors
 
 
 def _choose_donors(
-    centers: RootedStrands, own: _Wisps, other: _Wisps, matches: Int32, n_donors: int
+    centers: RootedStrands, own: _Wisps, onto: _Along, other: _Wisps, along: _Along, matches: Int32, n_donors: int
 ) -> tuple[Int32, Float32]:
     """The members of the matched wisps with the most similar root displacements (W-24), (S, D), and their distances."""
     members = np.argsort(other.labels, kind="stable").astype(np.int32)
     starts = np.searchsorted(other.labels[members], np.arange(other.centers.n_strands + 1)).astype(np.int32)
     require((np.diff(starts) > 0).all(), "a wisp of the detail hairstyle has no strands; cluster it again")
-    in_frames, out_frames = align_frames(other.centers)[0], align_frames(centers)[0]
     found: tuple[Int32, Float32] = find_donors(
-        root_offsets(own.strands.roots, own.labels, centers, out_frames),
+        root_offsets(own.strands.roots, own.labels, centers, onto.root_frames),
         matches[own.labels],
-        root_offsets(other.strands.roots, other.labels, other.centers, in_frames),
+        root_offsets(other.strands.roots, other.labels, other.centers, along.root_frames),
         members,
         starts,
         n_donors,
@@ -261,33 +258,36 @@ def _choose_donors(
 
 
 def _add_details(
-    result: Float32, own: _Wisps, along: _Along, source: _Wisps, donors: Int32, weights: Float32, mode: str
+    result: Float32,
+    own: _Wisps,
+    onto: _Along,
+    source: _Wisps,
+    along: _Along,
+    donors: Int32,
+    weights: Float32,
+    mode: str,
 ) -> None:
-    """Add the displacements of `donors` (S, D), strands of `source`, to the output strands in head space."""
+    """Add the displacements of `donors` (S, D), strands of `source`, to the output strands in head space.
+
+    onto, along : the output's and the source's centers.
+    """
     n = own.strands.n_points
     used, rows = np.unique(donors, return_inverse=True)
     rows = rows.reshape(donors.shape).astype(np.int32)
-    in_along = _Along.of(source.centers)
     used_wisps = source.labels[used]
     sigma = WAVE_SIGMA * (n - 1) if mode == "tile" else 0.0
     matrix = np.ascontiguousarray(smoother(n, sigma).T, dtype=np.float32)
     details, shapes = split_details(
-        source.strands.in_head_space(), used.astype(np.int32), source.labels, in_along.points, in_along.frames, matrix
+        source.strands.in_head_space(), used.astype(np.int32), source.labels, along.points, along.frames, matrix
     )
-    if mode == "tile":
-        details -= shapes
-    waves = details if mode == "tile" else np.zeros((0, 3, n), np.float32)
-    ratios = along.lengths[own.labels][:, None] / np.maximum(in_along.lengths[used_wisps][rows], 1e-9)
-    scales = np.ones((*donors.shape, 3), np.float32)
-    if mode == "scale":
-        scales[:, :, :2] = ratios[:, :, None]
-    elif mode == "tile":
-        scales[:, :, 0] = np.minimum(ratios, 1.0)
-        scales[:, :, 1] = scales[:, :, 2] = ratios
+    waves = details - shapes if mode == "tile" else np.zeros((0, 3, n), np.float32)
+    lengths = np.maximum(along.lengths[used_wisps][rows], 1e-9)
+    rates = np.asarray(onto.lengths[own.labels][:, None] / lengths, dtype=np.float32)
+    scales = {"plain": np.ones_like(rates), "scale": rates, "tile": np.minimum(rates, 1.0)}[mode]
     window = max(2, n // 8)
     starts, seams = find_loops(waves, window, max(window - 1, n // 4), max(window, (3 * n) // 4 - 1))
     lay_details(
-        result, own.strands.roots, own.labels, along.root_frames, along.points, along.frames,
-        rows, weights, shapes, waves, starts, seams, float(window), used_wisps, in_along.root_frames, in_along.frames,
-        scales,
+        result, own.strands.roots, own.labels, onto.root_frames, onto.points, onto.frames,
+        rows, weights, shapes, waves, starts, seams, float(window), used_wisps, along.root_frames, along.frames,
+        scales, rates,
     )  # fmt: skip

@@ -16,7 +16,8 @@ from ..types import Bools, Int32, RootedStrands, WispHierarchy
 from ._detail_kernels import spread_over_wisps
 
 FORMAT, VERSION = "hairloom-detail", 1
-SMALL = 2500  # strands a level in a file: 3 levels of 64 points take 2 to 5 MB
+SMALL = 2400  # hairs in a file: with their centers and 64 points they take 2.7 MB at most
+RATIO = 4  # hairs kept for each wisp, and wisps for each wisp of the next level: the paper's
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,10 +29,11 @@ class Detail:
 
 
 def reduce_details(hierarchy: WispHierarchy, n_strands: int = SMALL) -> WispHierarchy:
-    """A copy with at most `n_strands` strands on each level, for the use as `detail` of transfer_style.
+    """A copy with at most `n_strands` hairs, for the use as `detail` of transfer_style.
 
-    The coarsest level is kept whole if it fits. Of each wisp that is kept one strand at least is, else its share,
-    spread over the wisp's roots. Center strands stay as they are, so the details that are left do not change.
+    Each coarser level keeps at most a quarter of the finer one's number, so that wisps keep their inner variety. Of a
+    level the wisps lose about the same share, and what they keep is spread over their roots; one strand of each wisp
+    that is kept is kept. Center strands stay as they are, so the details that are left do not change.
 
     Raises
     ------
@@ -39,13 +41,13 @@ def reduce_details(hierarchy: WispHierarchy, n_strands: int = SMALL) -> WispHier
     """
     require(n_strands >= 1, f"n_strands is {n_strands}; it must be 1 or more")
     coarsest = hierarchy.n_levels - 1
+    budgets = [max(1, n_strands // RATIO**level) for level in range(hierarchy.n_levels)]
     top = hierarchy.levels[coarsest]
-    kept = _spread(top, np.zeros(top.n_strands, np.int32), np.ones(1, np.bool_), n_strands)
+    kept = _spread(top, np.zeros(top.n_strands, np.int32), np.ones(1, np.bool_), budgets[coarsest])
     levels, labels = [_take(top, kept)], []
     for level in range(coarsest - 1, -1, -1):
         strands, wisps = hierarchy.levels[level], hierarchy.labels[level]
-        # a coarser level may have more strands than this one may keep only where it was kept for its own children
-        chosen = _spread(strands, wisps, kept, max(n_strands, int(kept.sum())))
+        chosen = _spread(strands, wisps, kept, budgets[level])
         numbers = np.cumsum(kept, dtype=np.int32) - 1
         levels.append(_take(strands, chosen))
         labels.append(np.ascontiguousarray(numbers[wisps[chosen]], dtype=np.int32))
@@ -59,9 +61,13 @@ def _spread(strands: RootedStrands, wisps: Int32, kept_wisps: Bools, n_strands: 
     total = int(sizes.sum())
     if total <= n_strands:
         return np.asarray(kept_wisps[wisps])
-    spare = n_strands - int((sizes > 0).sum())
-    more = np.maximum(sizes - 1, 0) * (max(spare, 0) / max(1, int(np.maximum(sizes - 1, 0).sum())))
-    quotas = ((sizes > 0) + np.floor(more)).astype(np.int32)
+    firsts = (sizes > 0).astype(np.int32)
+    spare = max(0, n_strands - int(firsts.sum()))
+    shares = np.maximum(sizes - 1, 0) * (spare / max(1, total - int(firsts.sum())))
+    quotas = firsts + shares.astype(np.int32)
+    # what rounding down left over goes to the largest remainders
+    left = spare - int((quotas - firsts).sum())
+    quotas[np.argsort(np.floor(shares) - shares, kind="stable")[:left]] += 1
     members = np.argsort(wisps, kind="stable").astype(np.int32)
     starts = np.searchsorted(wisps[members], np.arange(len(sizes) + 1)).astype(np.int32)
     chosen: Bools = spread_over_wisps(strands.roots, members, starts, quotas)
