@@ -1,4 +1,4 @@
-"""Operators comb, play_strokes, save_strokes and clear_strokes, and the settings, tool and panel around them."""
+"""Operator comb: its bytes, its session and collider, the selection, what it refuses, and its tool."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ import bpy
 import numpy as np
 import pytest
 import scenes
-
-WIDTH = HEIGHT = 600.0
-REACH = 0.25  # metres that the view shows to each side
+from combed import HEIGHT, WIDTH, across, front_view, refused, stroke_values
 
 
 @pytest.fixture
@@ -22,28 +20,6 @@ def hair():
 def clustered(hair):
     assert bpy.ops.hairloom.cluster_wisps() == {"FINISHED"}
     return hair
-
-
-def front_view() -> list[list[float]]:
-    """World to clip space seen along +y without perspective: x to the right, z up, 0.25 m to each side."""
-    return [[1 / REACH, 0, 0, 0], [0, 0, 1 / REACH, 0], [0, 1, 0, 0], [0, 0, 0, 1]]
-
-
-def stroke_values(groom, start, end, steps: int = 10, **params) -> dict:
-    """A straight stroke between two places (x, z) in metres."""
-    places = np.linspace(start, end, steps) / REACH * WIDTH / 2 + WIDTH / 2
-    samples = [[x, y, 1.0] for x, y in places.tolist()]
-    return {
-        "params": {"radius": 60.0, **params},
-        "view": {"matrix": front_view(), "width": WIDTH, "height": HEIGHT},
-        "frame": [list(row) for row in groom.matrix_world],
-        "samples": samples,
-    }
-
-
-def across(groom, **params) -> str:
-    """A stroke over the front of the hair's top, to the right."""
-    return json.dumps(stroke_values(groom, (-0.04, 0.12), (0.06, 0.12), **params))
 
 
 def roots(groom) -> np.ndarray:
@@ -304,99 +280,7 @@ def test_a_strand_that_is_not_selected_stays(clustered):
     assert not moved[::2].any()
 
 
-# --- recording -----------------------------------------------------------------------------------------------------
-
-
-def test_recorded_strokes_are_saved_and_played_to_the_same_bytes(clustered, tmp_path):
-    bpy.context.scene.hairloom.comb.record = True
-    before = scenes.positions(clustered)
-    for mode in ("comb", "lift"):
-        bpy.ops.hairloom.comb(stroke=across(clustered, mode=mode))
-    done = scenes.positions(clustered).tobytes()
-    path = str(tmp_path / "strokes.json")
-    assert bpy.ops.hairloom.save_strokes(filepath=path) == {"FINISHED"}
-    assert bpy.ops.hairloom.clear_strokes() == {"FINISHED"}
-    assert not bpy.ops.hairloom.save_strokes.poll()
-    scenes.module("bridge.attributes").write_values(clustered.data.position_data, "vector", before, np.float32, 3)
-    scenes.module("comb_cache").kept.clear()
-    assert bpy.ops.hairloom.play_strokes(filepath=path) == {"FINISHED"}
-    assert scenes.positions(clustered).tobytes() == done
-    assert len(scenes.module("recording").strokes(clustered.data)) == 2
-
-
-def test_playing_strokes_is_one_undo_step(clustered, tmp_path):
-    path = strokes_file(clustered, tmp_path, [across(clustered), across(clustered, mode="lift")])
-    assert scenes.undo_steps(lambda: bpy.ops.hairloom.play_strokes("EXEC_DEFAULT", True, filepath=path)) == 1
-
-
-def strokes_file(groom, tmp_path, texts) -> str:
-    strokes = scenes.module("backend.editing.strokes")
-    path = tmp_path / "strokes.json"
-    made = tuple(strokes.stroke_from_json(text) for text in texts)
-    strokes.write_strokes(path, strokes.StrokeFile(len(groom.data.curves), len(groom.data.points), made))
-    return str(path)
-
-
-def test_undo_takes_the_last_stroke_out_of_the_record(clustered):
-    recording = scenes.module("recording")
-    bpy.context.scene.hairloom.comb.record = True
-    bpy.ops.ed.undo_push(message="before")
-    for mode in ("comb", "lift"):
-        bpy.ops.hairloom.comb("EXEC_DEFAULT", True, stroke=across(clustered, mode=mode))
-        clustered = bpy.data.objects["Hair"]
-    assert len(recording.strokes(clustered.data)) == 2
-    bpy.ops.ed.undo()
-    assert len(recording.strokes(bpy.data.objects["Hair"].data)) == 1
-
-
-def test_the_record_survives_saving_and_starts_anew_with_other_strands(clustered, tmp_path):
-    recording = scenes.module("recording")
-    bpy.context.scene.hairloom.comb.record = True
-    bpy.ops.hairloom.comb(stroke=across(clustered))
-    scenes.reload(tmp_path)
-    groom = bpy.data.objects["Hair"]
-    assert len(recording.strokes(groom.data)) == 1
-    groom.data.remove_curves(indices=[0])
-    scenes.activate(groom)
-    bpy.ops.hairloom.comb(stroke=across(groom))
-    assert len(recording.strokes(groom.data)) == 1
-    assert recording.size(groom.data) == (299, 299 * 16)
-
-
-def test_a_stroke_that_is_not_recorded_leaves_no_trace(clustered):
-    bpy.ops.hairloom.comb(stroke=across(clustered))
-    assert scenes.module("recording").strokes(clustered.data) == []
-    assert list(clustered.data.keys()) == []
-
-
-def test_the_command_line_gives_the_same_bytes(clustered, tmp_path, capsys):
-    cli = scenes.module("backend.cli")
-    with pytest.raises(SystemExit):
-        cli.build_parser().parse_args(["--help"])
-    if " comb " not in capsys.readouterr().out:
-        pytest.skip("`hairloom comb` is not there yet")
-    groom, out = str(tmp_path / "hair.npz"), tmp_path / "combed.npz"
-    assert bpy.ops.hairloom.export_groom(filepath=groom) == {"FINISHED"}
-    bpy.context.scene.hairloom.comb.record = True
-    bpy.context.scene.hairloom.comb.collide = False
-    for mode in ("comb", "lift", "smooth"):
-        bpy.ops.hairloom.comb(stroke=across(clustered, mode=mode))
-    strokes = str(tmp_path / "strokes.json")
-    bpy.ops.hairloom.save_strokes(filepath=strokes)
-    assert cli.main(["comb", groom, strokes, str(out)]) == 0
-    combed = scenes.module("backend.io.strands").read_strands(out)
-    assert combed.points.tobytes() == scenes.positions(clustered).tobytes()
-
-
 # --- refused -------------------------------------------------------------------------------------------------------
-
-
-def refused(run, match: str) -> None:
-    before = scenes.scene_state()
-    with pytest.raises(RuntimeError, match=match) as caught:
-        run()
-    assert str(caught.value).strip().count("\n") == 0
-    assert scenes.scene_state() == before
 
 
 @pytest.mark.parametrize(
@@ -415,18 +299,6 @@ def test_a_stroke_for_another_selection_or_level_is_refused(clustered):
     values = stroke_values(clustered, (-0.04, 0.12), (0.06, 0.12))
     refused(lambda: bpy.ops.hairloom.comb(stroke=json.dumps({**values, "selection": [1.0] * 7})), "7 strands")
     refused(lambda: bpy.ops.hairloom.comb(stroke=across(clustered, level=3)), "level is 3")
-
-
-def test_strokes_of_another_groom_are_refused(clustered, tmp_path):
-    path = strokes_file(clustered, tmp_path, [across(clustered)])
-    clustered.data.remove_curves(indices=[0])
-    refused(lambda: bpy.ops.hairloom.play_strokes(filepath=path), "recorded on a groom of 300 strands")
-    refused(lambda: bpy.ops.hairloom.play_strokes(filepath=str(tmp_path / "none.json")), "none.json")
-
-
-def test_a_stroke_that_fails_takes_back_those_before_it(clustered, tmp_path):
-    path = strokes_file(clustered, tmp_path, [across(clustered), across(clustered, level=3)])
-    refused(lambda: bpy.ops.hairloom.play_strokes(filepath=path), "level is 3")
 
 
 def test_a_stroke_beside_the_hair_changes_nothing(clustered):
