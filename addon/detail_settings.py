@@ -6,7 +6,6 @@ from typing import Any
 
 import bpy
 from bpy.props import (
-    BoolProperty,
     BoolVectorProperty,
     EnumProperty,
     FloatProperty,
@@ -56,15 +55,21 @@ class DetailSettings(ParamsGroup, bpy.types.PropertyGroup):
             ("plain", "Stretch", "Details are stretched along the hair, as in the paper: curls lengthen with it"),
         ),
     )  # fmt: skip
-    follow_wisps: BoolProperty(
-        name="Follow Wisps", default=True,
-        description="A wisp takes its details from within the wisp that its own shape came from; otherwise the most "
-        "similar wisp is searched on each level anew, as in the paper",
+    matching: EnumProperty(
+        name="Wisps", default="even", description="Which wisp of the other groom lends its details",
+        items=(
+            ("even", "All", "Every wisp of the other groom about equally often, to wisps of similar shape"),
+            ("similar", "Most Similar", "The wisp of most similar shape, searched on each level anew, as in the paper"),
+        ),
+    )  # fmt: skip
+    max_subdivision: IntProperty(
+        name="Finer Strands", default=4, min=1, max=8,
+        description="Strands get up to this many times their points where curls need them on longer hair; 1 never",
     )  # fmt: skip
     transfer: PointerProperty(type=TransferSettings)
     seed: IntProperty(
         name="Seed", default=0, min=0,
-        description="0 takes the most similar wisps; each other number makes its own choice among similar ones",
+        description="0 matches wisps by their shapes; each other number makes its own choice among similar ones",
     )  # fmt: skip
 
     def to_params(self) -> dict[str, Any]:

@@ -137,9 +137,8 @@ class LiveTransfer:
     def _write(self, state: DetailPanelState, result: bpy.types.Object, outputs: dict[str, Any]) -> None:
         self._transfer.keep(outputs)
         sources = details.remembered(result)
-        strands = outputs["strands"]
-        lazy.bridge("transferred").update_result(result, sources["base"], sources["base_head"], strands)
-        state.message = f"{self._transfer.remarks()}{strands.n_strands:,} strands"
+        lazy.bridge("transferred").update_result(result, sources["base"], sources["base_head"], outputs)
+        state.message = f"{self._transfer.remarks()}{outputs['strands'].n_strands:,} strands"
 
     def _give_up(self, state: DetailPanelState, reason: str) -> None:
         state.is_live = False

@@ -24,7 +24,7 @@ from make_grooms import add_groom, add_head, catalogs, load_groom, object_name  
 from styles import STYLES  # noqa: E402
 
 FOLDER = HERE / "details"
-N_STRANDS = 550  # a level; files of 1.4 MB
+N_STRANDS = 1300  # files of 1.4 MB
 MAX_BYTES = 1_500_000
 
 

@@ -30,7 +30,7 @@ PIXELS = 384
 PAIRS = (("curly", "straight"), ("spiky", "wavy"), ("puffy", "straight"))
 # the last pair again in other ways: hair five times as long as that which the details are from
 WAYS = {
-    "plain, the paper's": DetailParams(length_mode="plain", follow_wisps=False),
+    "plain, the paper's": DetailParams(length_mode="plain", matching="similar"),
     "scale": DetailParams(length_mode="scale"),
     "tile, half strength": DetailParams(strength=0.5),
 }

@@ -25,8 +25,8 @@ class HAIRLOOM_OT_save_detail(JobOperator, bpy.types.Operator):
         name="Overwrite", description="Replace a detail of yours that has this name", default=False
     )
     n_strands: bpy.props.IntProperty(
-        name="Strands", description="Most strands of a level that are kept; 2,500 make a file of 2 to 5 MB",
-        default=2500, min=1, soft_min=200, soft_max=20_000, max=1_000_000,
+        name="Strands", description="Most strands that are kept; 2,400 make a file of 2 to 3 MB",
+        default=2400, min=1, soft_min=200, soft_max=20_000, max=1_000_000,
     )  # fmt: skip
 
     @classmethod

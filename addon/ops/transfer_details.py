@@ -28,15 +28,17 @@ class TransferJob(JobOperator):
 
     def apply(self, context: bpy.types.Context, sources: dict[str, bpy.types.Object], outputs: Values) -> str:
         self._transfer.keep(outputs)
-        obj = self.write(context, sources, outputs["strands"])
+        obj = self.write(context, sources, outputs)
         scene.select_only(context, obj)
         return f"{self._transfer.remarks()}{obj.name}: {_likeness(outputs['report'])}"
 
-    def write(self, context: bpy.types.Context, sources: dict[str, bpy.types.Object], strands: Any) -> bpy.types.Object:
+    def write(
+        self, context: bpy.types.Context, sources: dict[str, bpy.types.Object], outputs: Values
+    ) -> bpy.types.Object:
         """The groom with the new strands: a new one that remembers where its details came from."""
         base, head, saved = sources["base"], sources["base_head"], self.saved_detail(sources)
         name = saved or sources["source"].name
-        obj = lazy.bridge("transferred").new_result(f"{base.name} {name}", base, head, strands, context.collection)
+        obj = lazy.bridge("transferred").new_result(f"{base.name} {name}", base, head, outputs, context.collection)
         obj.data.materials.append(material.material_of(base))
         details.remember(obj, sources, saved)
         return obj

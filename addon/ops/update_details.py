@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy
 
 from .. import details, lazy, scene
+from ..jobs import Values
 from .transfer_details import TransferJob
 
 
@@ -32,9 +31,11 @@ class HAIRLOOM_OT_update_details(TransferJob, bpy.types.Operator):
     def saved_detail(self, sources: dict[str, bpy.types.Object]) -> str:
         return self._saved
 
-    def write(self, context: bpy.types.Context, sources: dict[str, bpy.types.Object], strands: Any) -> bpy.types.Object:
+    def write(
+        self, context: bpy.types.Context, sources: dict[str, bpy.types.Object], outputs: Values
+    ) -> bpy.types.Object:
         result = sources["result"]
-        lazy.bridge("transferred").update_result(result, sources["base"], sources["base_head"], strands)
+        lazy.bridge("transferred").update_result(result, sources["base"], sources["base_head"], outputs)
         return result
 
 

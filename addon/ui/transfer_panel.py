@@ -45,7 +45,7 @@ def _draw_result(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
         if missing:
             hint(box, missing)
             return
-        row = box.row(align=True)
+        row = box.split(factor=0.7, align=True)
         job_button(row, context, "FILE_REFRESH", HAIRLOOM_OT_update_details)
         row.prop(state, "is_live", toggle=True, icon="PLAY")
     elif state.is_live:
@@ -66,7 +66,7 @@ class HAIRLOOM_PT_transfer_more(HairloomPanel, bpy.types.Panel):
         finest_first = ("Hair", "Wisps", "Coarser Wisps")
         for level in range(scene.settings(context).synthesis.hierarchy.n_levels - 1):
             row.prop(settings, "levels", index=level, text=finest_first[level], toggle=True)
-        draw_settings(column, settings, ("follow_wisps", "seed"))
+        draw_settings(column, settings, ("matching", "max_subdivision", "seed"))
         draw_settings(column, settings.transfer, settings.transfer.setting_names())
 
 

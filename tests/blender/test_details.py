@@ -81,7 +81,9 @@ def test_hair_of_other_settings_is_clustered_as_the_detail_was(scene):
     synthesis.hierarchy.n_levels, synthesis.n_samples = 2, 24
     scenes.activate(scene[1])
     assert bpy.ops.hairloom.apply_detail(detail="Ringlets") == {"FINISHED"}
-    assert len(bpy.context.object.data.points) == 16 * len(bpy.context.object.data.curves)
+    # 16 points of the detail's settings, each segment perhaps in several pieces
+    segments = len(bpy.context.object.data.points) / len(bpy.context.object.data.curves) - 1
+    assert segments % 15 == 0
 
 
 def test_the_result_can_be_updated_and_followed_live(scene):
