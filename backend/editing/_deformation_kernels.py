@@ -209,8 +209,8 @@ def walk(path: Any, rest: Any, out: Any, distance: Any, origin: Any, cell: float
     """A strand on `path` (n, 3) with the segment lengths of `rest` (n, 3) and outside the collider.
 
     Like dividers set to each length: the next point is where the path first leaves the sphere around this one, so the
-    strand keeps to its path and only slides along it. Beyond the end it goes on straight. A point pushed out of the
-    collider turns about the one before it, so that lengths stay.
+    strand keeps to its path and only slides along it. A point pushed out of the collider turns about the one before it,
+    so that lengths stay.
     """
     n = path.shape[0]
     out[0] = path[0]
@@ -233,11 +233,28 @@ def walk(path: Any, rest: Any, out: Any, distance: Any, origin: Any, cell: float
         if found:
             _ray_exit(path, seg, x, length, ahead)
         else:
+            # the end of the path is used up: the strand goes on in its own shape
             for c in range(3):
-                ahead[c] = x[c] + path[n - 1, c] - path[n - 2, c]
+                ahead[c] = x[c] + path[i, c] - path[i - 1, c]
         _step_towards(x, ahead, path[n - 1] - path[n - 2], length, out[i])
         if distance.size > 0:
             slide_out(out[i], x, rest[i], length, distance, origin, cell, margin)
+            if i > 1 and _turns_back(out[i - 2], x, out[i]):
+                # a path that runs inside the head leads into pockets: rather go on over the surface
+                _step_towards(x, x + x - out[i - 2], path[n - 1] - path[n - 2], length, out[i])
+                slide_out(out[i], x, rest[i], length, distance, origin, cell, margin)
+                seg = max(seg, min(i, n - 2))
+
+
+@device
+def _turns_back(a: Any, b: Any, c: Any) -> bool:
+    """Is the corner a, b, c sharper than 60 degrees?"""
+    dot = before = after = 0.0
+    for k in range(3):
+        dot += (b[k] - a[k]) * (c[k] - b[k])
+        before += (b[k] - a[k]) ** 2
+        after += (c[k] - b[k]) ** 2
+    return bool(dot < -0.5 * sqrt(before * after))
 
 
 @device
@@ -301,11 +318,22 @@ def settle(
     points: Float64, rest: Float64, edges: Float64, turns: Float64,
     distance: Any, origin: Float64, cell: float, margin: float,
 ) -> None:  # fmt: skip
-    """Give strands (A, N, 3) back their lengths (`edges`) in place, and turn `turns` (A, N - 1, 4) to the new edges."""
+    """Give strands (A, N, 3) back their lengths (`edges`) in place, and turn `turns` (A, N - 1, 4) to the new edges.
+
+    Each edge keeps its direction, so that the strand keeps its own curls; a contact slides along it by what that takes.
+    """
     n = points.shape[1]
     for a in numba.prange(points.shape[0]):
-        path = points[a].copy()
-        walk(path, rest[a], points[a], distance, origin, cell, margin)
+        before = points[a, 1].copy()
+        for i in range(2, n):
+            here = points[a, i].copy()
+            lx, ly, lz = edges[a, i - 1, 0], edges[a, i - 1, 1], edges[a, i - 1, 2]
+            length = sqrt(lx * lx + ly * ly + lz * lz)
+            start = points[a, i - 1]
+            _step_towards(start, start + here - before, edges[a, i - 1], length, points[a, i])
+            if distance.size > 0 and length > 0.0:
+                slide_out(points[a, i], start, rest[a, i], length, distance, origin, cell, margin)
+            before = here
         for i in range(1, n - 1):
             turned = rotate(turns[a, i], edges[a, i, 0], edges[a, i, 1], edges[a, i, 2])
             turn = turn_between(

@@ -26,6 +26,7 @@ from .grips import Contacts, Grips, pull, turn_step
 from .strokes import CombParams, Stroke, View
 
 MAX_SAMPLES = 64  # points of a center strand
+_PASSES = 3  # of pulling at the contacts in each step
 _STEP_SHARE = 0.5  # of the radius that the brush moves at once
 _LENGTH_LIMITS = (0.02, 2.0)  # of a strand's length that one stroke can trim or grow it to
 
@@ -254,20 +255,24 @@ class _Running:
                 live = np.unique(np.concatenate([live, _beside(self._graph, live)]))
             live = live[self._slots[live] >= 0]
         rows = self._slots[live]
-        points = self._active.points[rows]
+        before = self._active.points[rows]
         if params.mode == "lift" and self._normals is None:
             self._normals = outward_normals(self._binding.centers[:, 0])
         normals = self._normals[live] if params.mode == "lift" and self._normals is not None else None
-        weights, targets = pull(
-            grips, self._contacts, live, points, self._views, place, pixels, params, strength, normals
-        )
-        result = deform(
-            points, weights, targets, self._graph, DeformParams(drag=params.drag),
-            rest=self._active.rest[rows], active=live, collider=self._collider,
-        )  # fmt: skip
-        moved = np.abs(result.points - points).max(axis=(1, 2)) > 1e-9
-        self._active.points[rows] = result.points
-        turn_on(self._active.turns, result.turns, rows)
+        # where lengths took the contacts back, combing goes after them
+        for drag in [pixels] + [np.zeros(2)] * (_PASSES - 1 if params.mode == "comb" else 0):
+            points = self._active.points[rows]
+            weights, targets = pull(
+                grips, self._contacts, live, points, self._views, place, drag, params, strength, normals
+            )
+            place = place + drag
+            result = deform(
+                points, weights, targets, self._graph, DeformParams(drag=params.drag),
+                rest=self._active.rest[rows], active=live, collider=self._collider,
+            )  # fmt: skip
+            self._active.points[rows] = result.points
+            turn_on(self._active.turns, result.turns, rows)
+        moved = np.abs(self._active.points[rows] - before).max(axis=(1, 2)) > 1e-9
         return self._carry(live[moved])
 
     def _turn(self, grips: Grips, pixels: Float64, radius: float, strength: float) -> bool:
