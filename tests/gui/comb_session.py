@@ -114,24 +114,50 @@ def live_and_replayed_are_the_same_bytes(user: driver.User) -> driver.Steps:
     yield 0.3
 
 
+def make_symmetric() -> int:
+    """Replace the left half of the hair by the right one seen in a mirror; returns the points of each half."""
+    curves, strands = scenes.module("bridge.curves"), scenes.module("backend.geometry.strands")
+    whole = curves.read_strands(hair())
+    right = strands.select_strands(whole, whole.roots[:, 0] > 0.002)
+    labels = {
+        name: of_strand + of_strand.max() + 1 for name, of_strand in right.strand_attributes.items() if "wisp" in name
+    }
+    left = type(right)(
+        right.points * np.float32([-1, 1, 1]),
+        right.offsets,
+        right.point_attributes,
+        {**right.strand_attributes, **labels},
+    )
+    curves.replace_strands(hair(), strands.join_strands([right, left]))
+    return len(right.points)
+
+
 def mirroring_combs_both_sides(user: driver.User) -> driver.Steps:
-    hair().data.use_mirror_x = True
     with user.override():
+        n_points = make_symmetric()
+        hair().data.use_mirror_x = True
         bpy.ops.view3d.view_axis(type="FRONT")
+        bpy.ops.ed.undo_push(message="Symmetric")
     yield 1.5
-    before, points = positions(), world()
+    before = positions()
     yield from user.drag(path(user, across=60))
-    far = moved(before, positions()) > 1e-3
-    right, left = int((far & (points[:, 0] > 0.01)).sum()), int((far & (points[:, 0] < -0.01)).sum())
-    assert min(right, left) > 100, (left, right)
-    # the groom is not symmetric itself
-    assert 0.4 < right / left < 2.5, (left, right)
+    after = positions()
+    right, left = after[:n_points], after[n_points:] * np.float32([-1, 1, 1])
+    way = moved(before, after)[:n_points]
+    assert (way > 1e-3).sum() > 100
+    differences = np.linalg.norm(right - left, axis=1)[way > 1e-3]
+    print(
+        f"mirrored: {differences.size:,} points differ by {1000 * np.median(differences):.3f} mm (median)", flush=True
+    )
+    # each side's wisps get in the way of its own only, but rounding decides on which hair is gripped at the brush's rim
+    assert np.percentile(differences, 90) < 0.002
     yield from user.picture("comb_mirrored")
     yield from user.key("Z", ctrl=True)
     hair().data.use_mirror_x = False
     yield from user.drag(path(user, across=100))
-    far = moved(before, positions()) > 1e-3
-    assert (far & (points[:, 0] > 0.01)).sum() > 3 * (far & (points[:, 0] < -0.01)).sum()
+    way = moved(before, positions()) > 1e-3
+    assert way[:n_points].sum() > 3 * way[n_points:].sum(), "without mirroring both sides are combed"
+    yield from user.key("Z", ctrl=True)
     yield from user.key("Z", ctrl=True)
 
 

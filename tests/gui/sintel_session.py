@@ -20,44 +20,28 @@ N_STRANDS = 1900
 DATA = Path(os.environ.get("HAIRLOOM_DATA") or HERE.parents[2] / "shared" / "data") / "sintel"
 DEEPEST = 0.0005  # metres, the issue's limit
 # four strokes from each side: mode, where on the screen it starts within the hair's box, and its way in pixels
-STROKES = (
-    ("comb", (0.3, 0.7), (-90, -40)), ("comb", (0.7, 0.7), (90, -40)), ("lift", (0.5, 0.75), (0, 60)),
-    ("smooth", (0.5, 0.6), (80, -60)),
-)  # fmt: skip
-MORE = (("twist", (0.5, 0.5), (60, 0)), ("length", (0.4, 0.4), (0, 40)), ("comb", (0.5, 0.8), (0, -120)))
-VIEWS = ("FRONT", "RIGHT", "BACK", "LEFT", "TOP")
-
-
-def import_groom(user: driver.User) -> driver.Steps:
-    """Sintel's hair, cleaned up, thinned and clustered, on her head."""
-    units = scenes.module("backend.io.units").Units.parse("m,y-up")
-    strands = scenes.module("backend.io.strands").read_strands(DATA / "hair.tfx", units=units)
-    geometry = scenes.module("backend.geometry.head")
-    head = geometry.find_scalp(geometry.read_head(DATA / "head.obj", units), strands.roots)
-    strands = scenes.module("backend.geometry.cleanup").clean_up(strands, head)[0]
-    step = max(1, strands.n_strands // N_STRANDS)
-    chosen = list(range(0, strands.n_strands, step))
-    strands = scenes.module("backend.geometry.strands").select_strands(strands, chosen)
-    with user.override():
-        bpy.ops.object.select_all(action="SELECT")
-        bpy.ops.object.delete()
-        mesh = scenes.module("bridge.mesh").new_head_object("Sintel", head, bpy.context.collection)
-        bpy.context.scene.hairloom.head = mesh
-        groom = scenes.module("bridge.curves").new_object("Hair", strands, bpy.context.collection)
-        groom.data.materials.append(scenes.module("material").hair_material())
-        scenes.activate(groom)
-        bpy.context.scene.hairloom.synthesis.hierarchy.wisps.n_wisps = 100
-        assert bpy.ops.hairloom.cluster_wisps() == {"FINISHED"}
-        space = user.area().spaces.active
-        space.show_region_ui = False
-        space.overlay.show_floor = space.overlay.show_cursor = False
-        bpy.ops.view3d.view_axis(type="FRONT")
-        bpy.ops.view3d.view_selected()
-        groom.select_set(False)
-        bpy.ops.wm.tool_set_by_id(name="hairloom.comb_tool")
-        settings().record = True
-        bpy.ops.ed.undo_push(message="Import")
-    yield 1.5
+STROKES = {
+    "FRONT": (
+        ("comb", (0.35, 0.8), (-70, -60)), ("comb", (0.65, 0.8), (60, -70)), ("smooth", (0.2, 0.6), (-20, -90)),
+        ("lift", (0.5, 0.93), (0, 25)),
+    ),
+    "RIGHT": (
+        ("comb", (0.3, 0.65), (120, -30)), ("comb", (0.4, 0.8), (110, -40)), ("smooth", (0.6, 0.6), (40, -110)),
+        ("lift", (0.6, 0.9), (20, 15)),
+    ),
+    "BACK": (
+        ("comb", (0.4, 0.65), (-40, -110)), ("comb", (0.6, 0.65), (40, -110)), ("twist", (0.5, 0.35), (40, 0)),
+        ("length", (0.5, 0.15), (0, 20)),
+    ),
+    "LEFT": (
+        ("comb", (0.7, 0.65), (-120, -30)), ("comb", (0.6, 0.8), (-110, -40)), ("smooth", (0.4, 0.6), (-40, -110)),
+        ("lift", (0.4, 0.9), (-20, 15)),
+    ),
+    "TOP": (
+        ("comb", (0.4, 0.4), (-30, 70)), ("comb", (0.6, 0.4), (30, 70)), ("smooth", (0.5, 0.5), (0, 60)),
+        ("twist", (0.5, 0.7), (30, 0)),
+    ),
+}  # fmt: skip
 
 
 deepest: list[float] = []  # of each stroke, metres
@@ -96,11 +80,11 @@ def stroke(user: driver.User, mode: str, start: tuple[float, float], way: tuple[
 def twenty_strokes_keep_roots_lengths_and_head(user: driver.User) -> driver.Steps:
     start = positions()
     yield from user.picture("sintel_before")
-    for number, view in enumerate(VIEWS):
+    for view, strokes in STROKES.items():
         with user.override():
             bpy.ops.view3d.view_axis(type=view)
         yield 1.5
-        for mode, place, way in (*STROKES[:3], MORE[number % 3]):
+        for mode, place, way in strokes:
             yield from stroke(user, mode, place, way)
         yield from user.picture(f"sintel_{view.lower()}")
     with user.override():
