@@ -44,6 +44,38 @@ STROKES = {
 }  # fmt: skip
 
 
+def import_groom(user: driver.User) -> driver.Steps:
+    """Sintel's hair, cleaned up, thinned and clustered, on her head."""
+    units = scenes.module("backend.io.units").Units.parse("m,y-up")
+    strands = scenes.module("backend.io.strands").read_strands(DATA / "hair.tfx", units=units)
+    geometry = scenes.module("backend.geometry.head")
+    head = geometry.find_scalp(geometry.read_head(DATA / "head.obj", units), strands.roots)
+    strands = scenes.module("backend.geometry.cleanup").clean_up(strands, head)[0]
+    step = max(1, strands.n_strands // N_STRANDS)
+    chosen = list(range(0, strands.n_strands, step))
+    strands = scenes.module("backend.geometry.strands").select_strands(strands, chosen)
+    with user.override():
+        bpy.ops.object.select_all(action="SELECT")
+        bpy.ops.object.delete()
+        mesh = scenes.module("bridge.mesh").new_head_object("Sintel", head, bpy.context.collection)
+        bpy.context.scene.hairloom.head = mesh
+        groom = scenes.module("bridge.curves").new_object("Hair", strands, bpy.context.collection)
+        groom.data.materials.append(scenes.module("material").hair_material())
+        scenes.activate(groom)
+        bpy.context.scene.hairloom.synthesis.hierarchy.wisps.n_wisps = 100
+        assert bpy.ops.hairloom.cluster_wisps() == {"FINISHED"}
+        space = user.area().spaces.active
+        space.show_region_ui = False
+        space.overlay.show_floor = space.overlay.show_cursor = False
+        bpy.ops.view3d.view_axis(type="FRONT")
+        bpy.ops.view3d.view_selected()
+        groom.select_set(False)
+        bpy.ops.wm.tool_set_by_id(name="hairloom.comb_tool")
+        settings().record = True
+        bpy.ops.ed.undo_push(message="Import")
+    yield 1.5
+
+
 deepest: list[float] = []  # of each stroke, metres
 
 
