@@ -30,7 +30,7 @@ from .io.npz import read_arrays
 from .io.strands import read_strands, write_strands
 from .io.units import Units
 from .jobs.cluster_wisps import labels_of_strands
-from .jobs.transfer_details import as_strand_set, transfer_report
+from .jobs.transfer_details import as_strand_set, fitting, transfer_report
 from .progress import Progress
 from .synthesis.detail_transfer import LENGTH_MODES, DetailParams, transfer_style
 from .synthesis.details import SMALL, Detail, holds_detail, read_detail, reduce_details, write_detail
@@ -231,20 +231,17 @@ def _transfer(options: argparse.Namespace, clock: StageClock, progress: Progress
     params = _synthesis_params(options)
     clock("read")
     detail = _details_of(options, params, clock)
-    # the base is clustered to fit, whether the details come from a groom or from a file
-    finest = replace(params.hierarchy, n_levels=detail.n_levels)
-    params = replace(params, hierarchy=finest, n_samples=detail.levels[0].n_points)
     clock("read")
     strands, head = _groom(options.base, options.head_base, options.units_base)
     clock("cluster base")
-    base = analyze(strands, head, params)
+    base = analyze(strands, head, fitting(params, detail))
     clock("transfer")
     result = transfer_style(detail, base.hierarchy, settings, progress=progress)
     clock("write")
     made = as_strand_set(result.strands, base.space, strands)
     write_strands(options.out, made, units=_units(options.out_units))
     clock("compare")
-    return transfer_report(detail, base.hierarchy, result.levels) | {"out": str(options.out)}
+    return transfer_report(detail, base.hierarchy, result, settings) | {"out": str(options.out)}
 
 
 def _comb(options: argparse.Namespace, clock: StageClock, progress: Progress) -> Report:

@@ -15,8 +15,10 @@ from .geometry.roots import scatter_roots
 from .geometry.scalp_space import fit_scalp_space, unroot_strands
 from .kernels import KERNELS
 from .progress import NO_PROGRESS, Progress, subrange
+from .synthesis.detail_transfer import transfer_style
+from .synthesis.details import reduce_details
 from .synthesis.hierarchy import HierarchyParams
-from .synthesis.pipeline import SynthesisParams, place_roots, synthesize
+from .synthesis.pipeline import SynthesisParams, analyze, place_roots, synthesize
 from .synthesis.wisps import WispParams
 from .types import Head, StrandSet
 
@@ -37,6 +39,8 @@ def compile_all(progress: Progress = NO_PROGRESS) -> int:
     strands, _ = clean_up(unroot_strands(rooted.with_points(outward), space), head)
     params = SynthesisParams(n_samples=8, hierarchy=HierarchyParams(wisps=WispParams(n_wisps=16, error_threshold=1e-4)))
     synthesize(strands, head, params, progress=subrange(progress, 0.2, 1.0))
+    hierarchy = analyze(strands, head, params).hierarchy
+    transfer_style(reduce_details(hierarchy, 8), hierarchy)
     flow, binding = extract_flow(strands, np.zeros(strands.n_strands, np.int32))
     session = FlowSession(strands, binding)
     session.update(flow)

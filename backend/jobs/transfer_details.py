@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..errors import require
 from ..geometry.scalp_space import ScalpSpace, unroot_strands
 from ..geometry.strands import resample_set
 from ..progress import Progress, subrange
-from ..synthesis.detail_statistics import compare_details
-from ..synthesis.detail_transfer import DetailParams, transfer_style
+from ..synthesis.detail_statistics import compare_details, finer_spectrum, spectrum_distance
+from ..synthesis.detail_transfer import DetailParams, DetailResult, smooth_strands, transfer_style
 from ..synthesis.pipeline import SynthesisParams, analyze
 from ..types import RootedStrands, StrandSet, WispHierarchy
 
@@ -28,11 +28,12 @@ class TransferJobParams:
 
 
 def run(inputs: Values, params: TransferJobParams, progress: Progress) -> Values:
-    """Details of one groom on another.
+    """Details of one groom on another (W-U6).
 
     Inputs: `detail_hierarchy`, or `detail_strands` and `detail_head`; `base_strands`, and `base_hierarchy` with
-    `base_space`, or `base_head`. Outputs: strands (world space, in the order and with the attributes of base_strands,
-    n_samples points each), detail_hierarchy, base_hierarchy and base_space for the next run, report.
+    `base_space`, or `base_head`. Outputs: strands (world space, in the order and with the attributes of base_strands;
+    as many points each as the hierarchies have, more where max_subdivision lets curls need it), detail_hierarchy,
+    base_hierarchy and base_space for the next run, report.
     """
     detail = inputs.get("detail_hierarchy")
     if detail is None:
@@ -43,7 +44,8 @@ def run(inputs: Values, params: TransferJobParams, progress: Progress) -> Values
     base, space = inputs.get("base_hierarchy"), inputs.get("base_space")
     if base is None or space is None:
         progress(0.4, "Clustering the base groom")
-        example = analyze(strands, _given(inputs, "base_head"), params.analysis, progress=subrange(progress, 0.4, 0.8))
+        part = subrange(progress, 0.4, 0.8)
+        example = analyze(strands, _given(inputs, "base_head"), fitting(params.analysis, detail), progress=part)
         base, space = example.hierarchy, example.space
     n_base = base.levels[0].n_strands
     require(
@@ -57,8 +59,14 @@ def run(inputs: Values, params: TransferJobParams, progress: Progress) -> Values
         "detail_hierarchy": detail,
         "base_hierarchy": base,
         "base_space": space,
-        "report": transfer_report(detail, base, result.levels, params.compare),
+        "report": transfer_report(detail, base, result, params.detail, params.compare),
     }
+
+
+def fitting(analysis: SynthesisParams, detail: WispHierarchy) -> SynthesisParams:
+    """`analysis` with the numbers of levels and points that the details have, which may come from a file."""
+    hierarchy = replace(analysis.hierarchy, n_levels=detail.n_levels)
+    return replace(analysis, hierarchy=hierarchy, n_samples=detail.levels[0].n_points)
 
 
 def _given(inputs: Values, name: str) -> Any:
@@ -75,13 +83,25 @@ def as_strand_set(made: RootedStrands, space: ScalpSpace, strands: StrandSet) ->
 
 
 def transfer_report(
-    detail: WispHierarchy, base: WispHierarchy, levels: tuple[RootedStrands, ...], compare: bool = True
+    detail: WispHierarchy, base: WispHierarchy, result: DetailResult, params: DetailParams, compare: bool = True
 ) -> Values:
-    """Counts, and how far the detail spectra are from the detail hairstyle's before and after, 0 (alike) to 1."""
-    report: Values = {"strands": levels[0].n_strands, "levels": [level.n_strands for level in levels]}
+    """Counts, and how far the details are from the detail hairstyle's before and after, 0 (alike) to 1.
+
+    `details` compares what the finer levels add to the coarsest (finer_spectrum; the detail hairstyle's coarsest level
+    smoothed as for the transfer), `curvature` and `torsion` whole strands, so with the base's own coarsest level.
+    """
+    levels = result.levels
+    report: Values = {
+        "strands": levels[0].n_strands,
+        "points": levels[0].n_points,
+        "levels": [level.n_strands for level in levels],
+    }
     if compare:
-        looked_at = [hair.points[:: max(1, len(hair.points) // MAX_COMPARED)] for hair in
-                     (detail.levels[0], base.levels[0], levels[0])]  # fmt: skip
-        report["distance_before"] = compare_details(looked_at[0], looked_at[1])
-        report["distance_after"] = compare_details(looked_at[0], looked_at[2])
+        smoothed = (*detail.levels[:-1], smooth_strands(detail.levels[-1], params.smoothing))
+        styles = (WispHierarchy(smoothed, detail.labels), base, WispHierarchy(levels, base.labels))
+        spectra = [finer_spectrum(style) for style in styles]
+        looked_at = [style.levels[0].points[:: -(-style.levels[0].n_strands // MAX_COMPARED)] for style in styles]
+        for name, other in (("distance_before", 1), ("distance_after", 2)):
+            distances = compare_details(looked_at[0], looked_at[other])
+            report[name] = {"details": spectrum_distance(spectra[0], spectra[other])} | distances
     return report

@@ -18,7 +18,7 @@ from ..progress import NO_PROGRESS, Progress
 from ..types import Float32, Float64, Int32, RootedStrands, WispHierarchy
 from ._detail_kernels import find_loops, lay_details, split_details
 from ._transfer_kernels import find_donors
-from .detail_sampling import WAVE_SIGMA, needed_subdivision, smoother, subdivide_levels
+from .detail_sampling import WAVE_SIGMA, needed_subdivision, shortest_wave, smoother, subdivide_levels
 from .features import fit_features
 from .matching import match_evenly
 from .transfer import TransferParams, align_frames, donor_weights, point_frames, root_offsets
@@ -26,6 +26,7 @@ from .transfer import TransferParams, align_frames, donor_weights, point_frames,
 LENGTH_MODES = ("tile", "scale", "plain")
 MATCHINGS = ("even", "similar")
 FULL_SMOOTHING = 0.25  # sigma of the coarsest level's smoothing at `smoothing` 1, share of the strand
+POINTS_AT_LEAST = 4  # points that draw a wave, the fewest; below, waves are stretched
 SEED_NOISE = 0.5  # of the choice of wisps by a seed above 0: share of the spread of the wisps' features
 ALL_FINER_LEVELS = (0, 1, 2)  # a hierarchy has four levels at most
 
@@ -127,13 +128,13 @@ def smooth_strands(strands: RootedStrands, smoothing: float) -> RootedStrands:
 def match_details(out_centers: RootedStrands, in_centers: RootedStrands, params: DetailParams) -> Int32:
     """(K,) int32: for each output center the input center whose wisp lends its details (W-22).
 
-    Unless the mode is the paper's, shapes are compared at equal length: hair that is three times as long would find
-    nothing but the longest wisps similar.
+    Unless the mode is the paper's, each hairstyle counts in its own median length: else hair that is three times as
+    long would find nothing but the longest wisps similar; and short wisps still go to short ones.
     """
     aligned = [align_frames(centers)[1] for centers in (in_centers, out_centers)]
     if params.length_mode != "plain":
-        lengths = [np.maximum(polyline_lengths(points), 1e-9) for points in aligned]
-        aligned = [(points / size[:, None, None]).astype(np.float32) for points, size in zip(aligned, lengths)]
+        sizes = [max(float(np.median(polyline_lengths(points))), 1e-9) for points in aligned]
+        aligned = [(points / size).astype(np.float32) for points, size in zip(aligned, sizes)]
     basis = fit_features(np.concatenate(aligned), params.transfer.n_features)
     lenders, takers = (basis.encode(points).astype(np.float64) for points in aligned)
     if params.seed > 0:
@@ -284,6 +285,8 @@ def _add_details(
     lengths = np.maximum(along.lengths[used_wisps][rows], 1e-9)
     rates = np.asarray(onto.lengths[own.labels][:, None] / lengths, dtype=np.float32)
     scales = {"plain": np.ones_like(rates), "scale": rates, "tile": np.minimum(rates, 1.0)}[mode]
+    if mode == "tile":  # a stub's waves on long hair would be drawn with a point or two each: noise
+        rates = np.minimum(rates, max(1.0, shortest_wave(source.strands) / POINTS_AT_LEAST)).astype(np.float32)
     window = max(2, n // 8)
     starts, seams = find_loops(waves, window, max(window - 1, n // 4), max(window, (3 * n) // 4 - 1))
     lay_details(

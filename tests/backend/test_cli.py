@@ -74,6 +74,46 @@ def test_synthesize_with_count_seed_and_region(groom, tmp_path, capsys):
     assert read_strands(tmp_path / "again.npz").points.tobytes() == made.points.tobytes()
 
 
+SMALL_WISPS = ("--k0", 20)
+
+
+@pytest.fixture(scope="module")
+def wavy_groom(groom):
+    """The groom's roots with 200 strands that are longer and wavy."""
+    strands = read_strands(groom)
+    points = strands.points.reshape(300, 12, 3)[:200]
+    t = np.linspace(0, 1, 12)[None, :, None]
+    path = groom.with_name("wavy.npz")
+    made = points[:, :1] + 1.5 * (points - points[:, :1]) + 0.004 * t * np.sin(14 * t) * np.array([1.0, -1.0, 0.0])
+    write_strands(path, from_dense(made.astype(np.float32), {"group": np.arange(200, dtype=np.int32)}))
+    return path
+
+
+def test_transfer_from_a_groom_and_from_its_saved_detail(groom, wavy_groom, tmp_path, capsys):
+    out = tmp_path / "out.npz"
+    report = run_json(capsys, "transfer", groom, wavy_groom, out, *SMALL_WISPS, "--hierarchy-levels", 2, "--seed", 1)
+    made, base = read_strands(out), read_strands(wavy_groom)
+    assert made.n_strands == report["strands"] == 200
+    np.testing.assert_allclose(made.roots, base.roots, atol=1e-6)
+    assert (made.strand_attributes["group"] == np.arange(200)).all()
+    assert {"cluster detail", "cluster base", "transfer", "write"} <= set(report["seconds"])
+    assert all(0 <= report[key]["curvature"] <= 1 for key in ("distance_before", "distance_after"))
+    saved = tmp_path / "detail.npz"
+    said = run_json(capsys, "detail", groom, saved, *SMALL_WISPS, "--levels", 2, "--seed", 1, "--strands", 0)
+    assert said["levels"][0] == 300
+    run_json(capsys, "transfer", saved, wavy_groom, tmp_path / "again.npz", *SMALL_WISPS, "--seed", 1)
+    assert read_strands(tmp_path / "again.npz").points.tobytes() == made.points.tobytes()
+
+
+def test_transfer_of_nothing_gives_the_base_back(groom, wavy_groom, tmp_path, capsys):
+    for index, nothing in enumerate((("--strength", 0), ("--levels",))):
+        out = tmp_path / f"{index}.npz"
+        run_json(capsys, "transfer", groom, wavy_groom, out, *SMALL_WISPS, *nothing)
+        made, base = read_strands(out), read_strands(wavy_groom)
+        tips = base.offsets[1:] - 1
+        np.testing.assert_allclose(made.points[made.offsets[1:] - 1], base.points[tips], atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -86,6 +126,11 @@ def test_synthesize_with_count_seed_and_region(groom, tmp_path, capsys):
         (["cluster", "{groom}", "{tmp}/o.npz", "--levels", "9"], "9"),
         (["synthesize", "{groom}", "{tmp}/o.npz", "--head", "missing.obj"], "missing.obj"),
         (["synthesize", "{groom}", "{tmp}/o.npz", "--strands", "-4"], "-4"),
+        (["transfer", "{groom}", "{groom}", "{tmp}/o.npz", "--strength", "3"], "strength is 3"),
+        (["transfer", "{groom}", "{groom}", "{tmp}/o.npz", "--levels", "5"], "levels is (5,)"),
+        (["transfer", "none.npz", "{groom}", "{tmp}/o.npz"], "none.npz"),
+        (["transfer", "{groom}", "{groom}", "{tmp}/o.npz", "--head-detail", "missing.obj"], "missing.obj"),
+        (["detail", "{groom}", "{tmp}/o.npz", "--k0", "5000"], "5000"),
         (["bench", "no-such-job"], "no-such-job"),
     ],
 )

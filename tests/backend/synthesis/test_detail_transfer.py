@@ -176,7 +176,7 @@ def test_curls_of_short_hair_keep_their_size_on_hair_three_times_as_long():
     n = radius.shape[1]
     # the smooth part, which is stretched, holds 0.15 of the curl at the example's tip
     np.testing.assert_allclose(np.quantile(radius[:, n // 5 :], [0.05, 0.95]), 0.05, rtol=0.15)
-    np.testing.assert_allclose(radius[:, n // 5 :], 0.05, rtol=0.4)
+    np.testing.assert_allclose(radius[:, n // 5 :], 0.05, rtol=0.5)
     assert abs(radius[:, n // 5 :].mean() - 0.05) < 0.03 * 0.05
     plain = transfer_style(detail, base, DetailParams(smoothing=0.0, length_mode="plain"))
     np.testing.assert_allclose(np.median(wavelengths(plain)), 0.75, rtol=0.12)  # stretched as the paper says
