@@ -48,7 +48,7 @@ def transfer(detail: str, base: str, params: DetailParams) -> tuple[StrandSet, d
     strands, _, example = groom(base)
     source = groom(detail)[2].hierarchy
     result = transfer_style(source, example.hierarchy, params)
-    report = transfer_report(source, example.hierarchy, result.levels)
+    report = transfer_report(source, example.hierarchy, result, params)
     return as_strand_set(result.strands, example.space, strands), report
 
 
@@ -95,7 +95,8 @@ def write_page(reports: dict[str, dict[str, Any]]) -> None:
         "default settings. Last row: the third pair by the paper's own way, by scaling, and at half strength.",
         "",
     ]
-    lines += ["Distance of the detail spectra from those of the groom that gives the details, before to after:", ""]
+    lines += ["Distance of spectra from those of the groom that gives the details, before to after, 0 (alike) to 1:"]
+    lines += ["`details` is what the finer levels add to the coarsest; the others are of whole strands.", ""]
     lines += ["| | " + " | ".join(columns) + " |", "|---|" + "---|" * len(columns)]
     for name, report in reports.items():
         pairs = [(report["distance_before"][c], report["distance_after"][c]) for c in columns]

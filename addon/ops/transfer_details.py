@@ -46,16 +46,8 @@ class TransferJob(JobOperator):
 
 def _likeness(report: dict[str, Any]) -> str:
     """How far the details are from those wanted, of the groom as it was and now; 0 is alike."""
-    text = f"{report['strands']:,} strands"
-    if "distance_after" not in report:
-        return text
-    return f"{text}; its details differ by {_mean(report['distance_after']):.2f}, before by " + (
-        f"{_mean(report['distance_before']):.2f}"
-    )
-
-
-def _mean(distances: dict[str, float] | float) -> float:
-    return sum(distances.values()) / len(distances) if isinstance(distances, dict) else distances
+    before, after = (report[name]["details"] for name in ("distance_before", "distance_after"))
+    return f"{report['strands']:,} strands; distance from the details wanted {after:.2f}, before {before:.2f}"
 
 
 class HAIRLOOM_OT_transfer_details(TransferJob, bpy.types.Operator):
