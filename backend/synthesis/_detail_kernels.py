@@ -6,7 +6,7 @@ Details lie in the frames of points along the center strand (eq. 6): normal, bin
 
 from __future__ import annotations
 
-from math import cos, sin, sqrt
+from math import sqrt
 
 import numba
 import numpy as np
@@ -103,26 +103,20 @@ def _cubic(values, i, t):  # type: ignore[no-untyped-def]
 
 
 @device
-def _wave_at(wave, start, seam, fade, place):  # type: ignore[no-untyped-def]
-    """The wave (3, N) at `place` samples from the root, beyond the tip played on from `start` again and again."""
+def _wave_at(wave, seam, place, laps, left, c, s):  # type: ignore[no-untyped-def]
+    """The wave (3, N) at `place` samples from the root, on the lap that goes on from the loop's start; 0 is the first.
+
+    c, s : cosine and sine by which the lap before is turned. left : 1 at the loop's start, falling to 0.
+    """
     tip = wave.shape[1] - 1
-    laps = 0
-    if place > tip:
-        period = tip - start
-        laps = 1 + int((place - tip) / period)
-        place -= laps * period
     i = min(int(place), tip - 1)
     part = np.float32(place - i)
     x, y, z = _cubic(wave[0], i, part), _cubic(wave[1], i, part), _cubic(wave[2], i, part)
     if laps == 0:
         return x, y, z
-    angle = np.arctan2(seam[1], seam[0])
-    c, s = np.float32(cos(laps * angle)), np.float32(sin(laps * angle))
-    x, y, z = c * x - s * y, s * x + c * y, z
-    # what the lap before ended with and this one lacks fades away
-    left = np.float32(max(0.0, 1.0 - (place - start) / fade))
-    c, s = np.float32(cos((laps - 1) * angle)), np.float32(sin((laps - 1) * angle))
-    x, y, z = x + left * (c * seam[2] - s * seam[3]), y + left * (s * seam[2] + c * seam[3]), z + left * seam[4]
+    # turned once more than the lap before; what that one ended with and this one lacks fades away
+    x, y = seam[0] * x - seam[1] * y + left * seam[2], seam[1] * x + seam[0] * y + left * seam[3]
+    x, y, z = c * x - s * y, s * x + c * y, z + left * seam[4]
     share = seam[5]
     if laps > 1:
         return share * x, share * y, share * z
@@ -193,6 +187,8 @@ def lay_details(
             in_root = in_root_frames[b]
             scale, rate = scales[s, d], rates[s, d]
             first = _into(in_point_frames[b, 0], shapes[u, 0, 0], shapes[u, 1, 0], shapes[u, 2, 0])
+            # laps of the loop that are done, the turn of the one before, and where the next begins
+            laps, cosine, sine, next_lap = 0, np.float32(1.0), np.float32(0.0), np.float32(n - 1)
             for i in range(n):
                 t = np.float32(i) / np.float32(n - 1)
                 p, q, r = shapes[u, 0, i], shapes[u, 1, i], shapes[u, 2, i]
@@ -201,7 +197,19 @@ def lay_details(
                 x, y, z = _into(out_root, x, y, z)
                 p, q, r = t * scale * p, t * scale * q, t * scale * r
                 if len(waves):
-                    wave = _wave_at(waves[u], starts[u], seams[u], fade, i * rate)
+                    start, period = starts[u], np.float32(n - 1 - starts[u])
+                    place = i * rate
+                    while place > next_lap:
+                        if laps > 0:
+                            cosine, sine = (
+                                cosine * seams[u, 0] - sine * seams[u, 1],
+                                sine * seams[u, 0] + cosine * seams[u, 1],
+                            )
+                        laps += 1
+                        next_lap += period
+                    place -= laps * period
+                    left = max(np.float32(0.0), 1 - (place - start) / fade)
+                    wave = _wave_at(waves[u], seams[u], place, laps, left, cosine, sine)
                     p, q, r = p + wave[0], q + wave[1], r + wave[2]
                 p, q, r = _into(out_point_frames[center, i], p, q, r)
                 result[s, i, 0] += weight * ((1 - t) * (shift_x + scale * x) + p)

@@ -291,6 +291,6 @@ def _add_details(
     starts, seams = find_loops(waves, window, max(window - 1, n // 4), max(window, (3 * n) // 4 - 1))
     lay_details(
         result, own.strands.roots, own.labels, onto.root_frames, onto.points, onto.frames,
-        rows, weights, shapes, waves, starts, seams, float(window), used_wisps, along.root_frames, along.frames,
+        rows, weights, shapes, waves, starts, seams, np.float32(window), used_wisps, along.root_frames, along.frames,
         scales, rates,
     )  # fmt: skip

@@ -392,7 +392,8 @@ def test_lay_details_against_plain_loops():
     starts, seams = find_loops(waves, 8, 16, 40)
     result = np.zeros((count, N_POINTS, 3), np.float32)
     lay_details(
-        result, roots, wisps, out_roots, out_centers, out_frames, donors, weights, shapes, waves, starts, seams, 8.0,
+        result, roots, wisps, out_roots, out_centers, out_frames, donors, weights, shapes, waves, starts, seams,
+        np.float32(8.0),
         donor_wisps, in_roots, in_frames, scales, rates,
     )  # fmt: skip
     expected = np.zeros((count, N_POINTS, 3))
