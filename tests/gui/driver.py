@@ -75,6 +75,8 @@ class User:
         if release:
             self.event("LEFTMOUSE", "RELEASE", **modifiers)
             yield 0.3
+            # on a busy machine Blender works the moves off for a while
+            yield from self.wait(lambda: not len(self.window.modal_operators), 60, "the drag ends")
 
     def into_view(self) -> Steps:
         """Put the mouse in the middle of the 3D view, where shortcuts act."""
