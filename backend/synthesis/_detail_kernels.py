@@ -125,6 +125,17 @@ def _wave_at(wave, seam, place, laps, left, c, s):  # type: ignore[no-untyped-de
 
 
 @device
+def _advance(place, laps, next_lap, period, cosine, sine, seam):  # type: ignore[no-untyped-def]
+    """The lap that `place` lies on, where the next begins, and the turn of the lap before."""
+    while place > next_lap:
+        if laps > 0:
+            cosine, sine = cosine * seam[0] - sine * seam[1], sine * seam[0] + cosine * seam[1]
+        laps += 1
+        next_lap += period
+    return laps, next_lap, cosine, sine
+
+
+@device
 def _into(frame, x, y, z):  # type: ignore[no-untyped-def]
     return (
         frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z,
@@ -199,14 +210,7 @@ def lay_details(
                 if len(waves):
                     start, period = starts[u], np.float32(n - 1 - starts[u])
                     place = i * rate
-                    while place > next_lap:
-                        if laps > 0:
-                            cosine, sine = (
-                                cosine * seams[u, 0] - sine * seams[u, 1],
-                                sine * seams[u, 0] + cosine * seams[u, 1],
-                            )
-                        laps += 1
-                        next_lap += period
+                    laps, next_lap, cosine, sine = _advance(place, laps, next_lap, period, cosine, sine, seams[u])
                     place -= laps * period
                     left = max(np.float32(0.0), 1 - (place - start) / fade)
                     wave = _wave_at(waves[u], seams[u], place, laps, left, cosine, sine)
