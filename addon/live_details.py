@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 
-from . import detail_library, details, jobs, lazy, scene
+from . import detail_library, details, jobs, lazy, scene, warmup
 from .backend.errors import HairloomError
 
 if TYPE_CHECKING:
@@ -109,13 +109,19 @@ class LiveTransfer:
             self._transfer = details.prepare(sources, result.hairloom_transfer.saved_detail)
             params = details.job_params(context, self._transfer, compare=False)
             inputs = self._transfer.inputs
-            if self._transfer.needs_clustering or inputs["base_strands"].n_strands > QUICK_STRANDS:
+            if self._takes_long():
                 self._worker = lazy.workers().WorkerJob("Live Transfer", details.JOB, inputs, params)
                 state.message = "Working ..."
             else:
                 self._write(state, result, lazy.backend("registry").run_job(details.JOB, inputs, params))
         except HairloomError as error:
             self._give_up(state, str(error))
+
+    def _takes_long(self) -> bool:
+        """Would Blender's window stand still for more than a moment?"""
+        must_compile = not (bpy.app.background or warmup.is_warm())
+        n_strands = self._transfer.inputs["base_strands"].n_strands
+        return must_compile or self._transfer.needs_clustering or n_strands > QUICK_STRANDS
 
     def _follow_worker(self, context: bpy.types.Context, state: DetailPanelState, result: bpy.types.Object) -> None:
         run = self._worker.step()
