@@ -61,3 +61,11 @@ def lengths(points: np.ndarray, starts: np.ndarray) -> np.ndarray:
 
 def moved(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     return np.linalg.norm(after - before, axis=1)
+
+
+def undo_to(user: driver.User, expected: np.ndarray, redo: bool = False) -> driver.Steps:
+    """One Ctrl-Z, or with `redo` Ctrl-Shift-Z, which must lead to exactly these positions."""
+    modifiers = {"ctrl": True, "shift": True} if redo else {"ctrl": True}
+    yield from user.key("Z", **modifiers)
+    what = "redo leads forth" if redo else "one Ctrl-Z leads back"
+    yield from user.wait(lambda: positions().tobytes() == expected.tobytes(), 60, what)
