@@ -96,7 +96,7 @@ def write_page(reports: dict[str, dict[str, Any]]) -> None:
         "",
     ]
     lines += ["Distance of spectra from those of the groom that gives the details, before to after, 0 (alike) to 1:"]
-    lines += ["`details` is what the finer levels add to the coarsest; the others are of whole strands. Spikes are wisps"]
+    lines += ["`details` is what the finer levels add to the coarsest; the rest is of whole strands. Spikes are wisps"]
     lines += ["that close up to a point, hardly a wave: their spectra say little of them.", ""]
     lines += ["| | " + " | ".join(columns) + " |", "|---|" + "---|" * len(columns)]
     for name, report in reports.items():
