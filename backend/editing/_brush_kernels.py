@@ -266,13 +266,17 @@ def set_lengths(
 
 @device
 def _tip_normal(curve: Any, reached: Any, axis: Any) -> None:
-    """The unit axis of the half turn: across the main direction of the strand's end and that of its last segment."""
+    """The unit axis of the half turn: across the main direction of the strand's outer half and of its last segment."""
     n = curve.shape[0]
-    from_arc = np.empty(3)
-    _at_arc(curve, reached, 0.7 * reached[n - 1], from_arc)
-    main, tangent = np.empty(3), np.empty(3)
+    main, tangent = np.zeros(3), np.empty(3)
+    middle = 0.75 * reached[n - 1]
+    for i in range(1, n):
+        if reached[i] >= 0.5 * reached[n - 1]:
+            # the slope of the best line through it, so that curls weigh little
+            weight = (reached[i] - middle) * (reached[i] - reached[i - 1])
+            for c in range(3):
+                main[c] += weight * (curve[i, c] - curve[n - 1, c])
     for c in range(3):
-        main[c] = curve[n - 1, c] - from_arc[c]
         tangent[c] = curve[n - 1, c] - curve[n - 2, c]
     least = 0
     total = 0.0

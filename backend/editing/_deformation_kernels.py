@@ -15,6 +15,8 @@ from ._rotation_kernels import multiply, rotate, turn_between
 
 _DIRECTIONS = 512  # tried by `_escape`
 _GOLDEN_ANGLE = 2.399963229728653
+_WINDOWS = 6  # of the strand's length, over which its lengthening is measured
+_STEER = 0.1  # of the way back to the path, in each step
 FREE_WEIGHT = 1e-3  # trust in the direction of an edge that nothing pulls at
 
 
@@ -178,17 +180,49 @@ def relax(
 
 
 @device
-def _ray_exit(path: Any, seg: int, x: Any, length: float, out: Any) -> None:
-    """The point of segment `seg` of the path at distance `length` from x, leaving the sphere."""
-    dx, dy, dz = path[seg + 1, 0] - path[seg, 0], path[seg + 1, 1] - path[seg, 1], path[seg + 1, 2] - path[seg, 2]
-    ox, oy, oz = path[seg, 0] - x[0], path[seg, 1] - x[1], path[seg, 2] - x[2]
-    a = dx * dx + dy * dy + dz * dz
-    b = ox * dx + oy * dy + oz * dz
-    c = ox * ox + oy * oy + oz * oz - length * length
-    root = sqrt(max(b * b - a * c, 0.0))
-    t = (root - b) / a if a > 0.0 else 1.0
-    t = min(max(t, 0.0), 1.0)
-    out[0], out[1], out[2] = path[seg, 0] + t * dx, path[seg, 1] + t * dy, path[seg, 2] + t * dz
+def _arcs(points: Any, reached: Any) -> None:
+    """reached (n,): arc lengths of the points of a polyline (n, 3)."""
+    reached[0] = 0.0
+    for i in range(1, len(reached)):
+        square = 0.0
+        for c in range(3):
+            square += (points[i, c] - points[i - 1, c]) ** 2
+        reached[i] = reached[i - 1] + sqrt(square)
+
+
+@device
+def _slide_along(path: Any, rest: Any, slid: Any) -> None:
+    """`slid` (n, 3): the path (n, 3), each point slid along it by as much as the path is longer or shorter than `rest`.
+
+    How much longer is measured over a sixth of the strand, so that curls slide as a whole and are not left out. Where
+    the path ends too early the strand goes on in its own shape.
+    """
+    n = path.shape[0]
+    now, before = np.empty(n), np.empty(n)
+    _arcs(path, now)
+    _arcs(rest, before)
+    half = max(1, (n - 1) // _WINDOWS // 2)
+    place = 0.0
+    end = -1
+    turn = np.empty(4)
+    slid[0] = path[0]
+    for i in range(1, n):
+        low, high = max(int(place) - half, 0), min(int(place) + 1 + half, n - 1)
+        longer = now[high] - now[low]
+        place += (before[high] - before[low]) / longer if longer > 0.0 else 1.0
+        if place > n - 1 + 1e-9 and end < 0:
+            end = i - 1
+            last, here = path[n - 1] - path[n - 2], path[max(end, 1)] - path[max(end, 1) - 1]
+            turn[0], turn[1], turn[2], turn[3] = turn_between(here[0], here[1], here[2], last[0], last[1], last[2])
+        if end >= 0:
+            edge = path[i] - path[i - 1]
+            x, y, z = rotate(turn, edge[0], edge[1], edge[2])
+            slid[i, 0], slid[i, 1], slid[i, 2] = slid[i - 1, 0] + x, slid[i - 1, 1] + y, slid[i - 1, 2] + z
+        else:
+            k = min(int(place), n - 2)
+            t = place - k
+            for c in range(3):
+                slid[i, c] = path[k, c] + t * (path[k + 1, c] - path[k, c])
 
 
 @device
@@ -208,42 +242,32 @@ def _step_towards(x: Any, aim: Any, fallback: Any, length: float, out: Any) -> N
 def walk(path: Any, rest: Any, out: Any, distance: Any, origin: Any, cell: float, margin: float) -> None:
     """A strand on `path` (n, 3) with the segment lengths of `rest` (n, 3) and outside the collider.
 
-    Like dividers set to each length: the next point is where the path first leaves the sphere around this one, so the
-    strand keeps to its path and only slides along it. A point pushed out of the collider turns about the one before it,
-    so that lengths stay.
+    The strand slides along its path (`_slide_along`); each edge then gets its length in its own direction, led back to
+    the path a little. A point pushed out of the collider turns about the one before it, so that lengths stay.
     """
     n = path.shape[0]
+    slid = np.empty((n, 3))
+    _slide_along(path, rest, slid)
     out[0] = path[0]
-    seg = 0
-    ahead = np.empty(3)
+    aim = np.empty(3)
+    fallback = path[n - 1] - path[n - 2]
     for i in range(1, n):
-        lx, ly, lz = rest[i, 0] - rest[i - 1, 0], rest[i, 1] - rest[i - 1, 1], rest[i, 2] - rest[i - 1, 2]
-        length = sqrt(lx * lx + ly * ly + lz * lz)
         x = out[i - 1]
-        if length == 0.0:
+        square = 0.0
+        for c in range(3):
+            square += (rest[i, c] - rest[i - 1, c]) ** 2
+            aim[c] = x[c] + slid[i, c] - slid[i - 1, c] + _STEER * (slid[i - 1, c] - x[c])
+        if square == 0.0:
             out[i] = x
             continue
-        found = False
-        while seg < n - 1:
-            b = path[seg + 1]
-            if (b[0] - x[0]) ** 2 + (b[1] - x[1]) ** 2 + (b[2] - x[2]) ** 2 >= length * length:
-                found = True
-                break
-            seg += 1
-        if found:
-            _ray_exit(path, seg, x, length, ahead)
-        else:
-            # the end of the path is used up: the strand goes on in its own shape
-            for c in range(3):
-                ahead[c] = x[c] + path[i, c] - path[i - 1, c]
-        _step_towards(x, ahead, path[n - 1] - path[n - 2], length, out[i])
+        length = sqrt(square)
+        _step_towards(x, aim, fallback, length, out[i])
         if distance.size > 0:
             slide_out(out[i], x, rest[i], length, distance, origin, cell, margin)
-            if i > 1 and _turns_back(out[i - 2], x, out[i]):
+            if i > 1 and _turns_back(out[i - 2], x, out[i]) and not _turns_back(rest[i - 2], rest[i - 1], rest[i]):
                 # a path that runs inside the head leads into pockets: rather go on over the surface
-                _step_towards(x, x + x - out[i - 2], path[n - 1] - path[n - 2], length, out[i])
+                _step_towards(x, x + x - out[i - 2], fallback, length, out[i])
                 slide_out(out[i], x, rest[i], length, distance, origin, cell, margin)
-                seg = max(seg, min(i, n - 2))
 
 
 @device

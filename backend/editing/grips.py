@@ -106,17 +106,18 @@ def pull(
         if params.mode == "lift":
             assert normals is not None
             way = np.linalg.norm(view.moves(held[touched].reshape(-1, 3), drag), axis=1).reshape(shape.shape)
-            way *= strength * hold[touched] * (-1.0 if params.invert else 1.0)
+            way *= strength * hold[touched].max(axis=1, initial=0.0)[:, None] * (-1.0 if params.invert else 1.0)
             move = way[:, :, None] * normals[rows[touched]][:, None, :]
         else:
             share = strength * hold[touched].max(axis=1, initial=0.0)
-            move = shape[:, :, None] * _comb_moves(
+            move = _comb_moves(
                 contacts, number, grips.numbers[touched], held[touched], view, place, drag, params.slip, share
             )
-        total[touched] += move
+        # at the brush's rim samples are led along less firmly, not less far: they would be pinned where they are
+        total[touched] += shape[:, :, None] * move
         weight[touched] += shape
     # where the brush and its mirror image hold the same hair, they share it
-    total /= np.maximum(weight, 1.0)[:, :, None]
+    total /= np.maximum(weight, 1e-9)[:, :, None]
     weights, targets = np.zeros(points.shape[:2]), points.copy()
     weights[rows] = HANDLE_WEIGHT * np.minimum(weight, 1.0) ** 2
     weights[:, :2] = 0.0
