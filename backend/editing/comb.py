@@ -25,8 +25,8 @@ from .deformation import DeformParams, collider_arrays, deform
 from .grips import Contacts, Grips, pull, turn_step
 from .strokes import CombParams, Stroke, View
 
-MAX_SAMPLES = 64  # points of a center strand
-_PASSES = 3  # of pulling at the contacts in each step
+MAX_SAMPLES = 32  # points of a center strand; finer shape is detail, which is carried along
+_REPEATS, _REPEAT_ITERATIONS = 2, 2  # of pulling at the contacts in each step
 _STEP_SHARE = 0.5  # of the radius that the brush moves at once
 _LENGTH_LIMITS = (0.02, 2.0)  # of a strand's length that one stroke can trim or grow it to
 
@@ -254,26 +254,34 @@ class _Running:
             for _ in range(2):
                 live = np.unique(np.concatenate([live, _beside(self._graph, live)]))
             live = live[self._slots[live] >= 0]
-        rows = self._slots[live]
-        before = self._active.points[rows]
+        before = self._active.points[self._slots[live]]
+        self._deform(grips, live, place, pixels, strength, DeformParams(drag=params.drag))
+        if params.mode == "comb":
+            # where lengths took the contacts back, combing goes after them; the neighbours have been dragged by then
+            settings = DeformParams(drag=params.drag, iterations=_REPEAT_ITERATIONS)
+            for _ in range(_REPEATS):
+                self._deform(grips, grips.numbers, place + pixels, np.zeros(2), strength, settings)
+        moved = np.abs(self._active.points[self._slots[live]] - before).max(axis=(1, 2)) > 1e-9
+        return self._carry(live[moved])
+
+    def _deform(
+        self, grips: Grips, live: Int32, place: Float64, drag: Float64, strength: float, settings: DeformParams
+    ) -> None:
+        """Pull at the held centers from `place` by a drag (2,), pixels; the live centers (L,) take part."""
+        params, active, rows = self.stroke.params, self._active, self._slots[live]
         if params.mode == "lift" and self._normals is None:
             self._normals = outward_normals(self._binding.centers[:, 0])
-        normals = self._normals[live] if params.mode == "lift" and self._normals is not None else None
-        # where lengths took the contacts back, combing goes after them
-        for drag in [pixels] + [np.zeros(2)] * (_PASSES - 1 if params.mode == "comb" else 0):
-            points = self._active.points[rows]
-            weights, targets = pull(
-                grips, self._contacts, live, points, self._views, place, drag, params, strength, normals
-            )
-            place = place + drag
-            result = deform(
-                points, weights, targets, self._graph, DeformParams(drag=params.drag),
-                rest=self._active.rest[rows], active=live, collider=self._collider,
-            )  # fmt: skip
-            self._active.points[rows] = result.points
-            turn_on(self._active.turns, result.turns, rows)
-        moved = np.abs(self._active.points[rows] - before).max(axis=(1, 2)) > 1e-9
-        return self._carry(live[moved])
+        normals = self._normals[live] if self._normals is not None else None
+        points = active.points[rows]
+        weights, targets = pull(
+            grips, self._contacts, live, points, self._views, place, drag, params, strength, normals
+        )
+        result = deform(
+            points, weights, targets, self._graph, settings,
+            rest=active.rest[rows], active=live, collider=self._collider,
+        )  # fmt: skip
+        active.points[rows] = result.points
+        turn_on(active.turns, result.turns, rows)
 
     def _turn(self, grips: Grips, pixels: Float64, radius: float, strength: float) -> bool:
         """Twist and smooth: the edges are turned, and the centers follow from their roots."""
