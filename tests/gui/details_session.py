@@ -92,6 +92,8 @@ def a_detail_is_saved_by_its_button(user: driver.User) -> driver.Steps:
 
 def test(user: driver.User) -> driver.Steps:
     yield from stage.set_the_scene(user)
+    # finer strands take drawing by software tens of seconds a frame
+    bpy.context.scene.hairloom.details.settings.max_subdivision = 1
     for part in (
         a_saved_detail_is_applied_by_its_button, live_follows_a_setting, the_transfer_is_one_undo_step,
         a_detail_is_saved_by_its_button,
