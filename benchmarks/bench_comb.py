@@ -15,9 +15,8 @@ from hairloom.geometry.head import default_head
 from hairloom.synthesis.pipeline import analyze
 from hairloom.types import Float64, Int32, StrandSet
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "blend_templates"))
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "blend_templates"))
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 
 from comb_quality import composed_labels, drag, look, share_held
 from styles import make_style
