@@ -37,13 +37,12 @@ from styles import make_style  # noqa: E402
 PICTURES = ROOT / "docs" / "pictures"
 NUMBERS = ROOT / "docs" / "figures.json"
 PAGE = ROOT / "docs" / "figure_comb.md"
-PIXELS = 416
+PIXELS, SMALL_PIXELS = 368, 320
 TARGET = (0.0, 0.02, 0.15)
-RIGHT, BACK, FRONT, ABOVE = (1.0, 0.02, 0.15), (0.0, 1.05, 0.15), (0.0, -1.0, 0.15), (0.0, -0.2, 1.15)
+RIGHT, FRONT = (1.0, 0.02, 0.15), (0.0, -1.0, 0.15)
 # strokes of a styling: eye, settings, world place where the brush starts, way in pixels of some 0.8 mm
 Styling = Sequence[tuple[tuple[float, float, float], dict[str, Any], tuple[float, float, float], tuple[float, float]]]
 BOTH = {"mirror": (True, False, False)}
-ENDS = (0.0, 0.1, 1.0)
 STYLINGS: dict[str, tuple[str, str, Styling]] = {
     "wavy": (
         "swept back from the face",
@@ -55,21 +54,20 @@ STYLINGS: dict[str, tuple[str, str, Styling]] = {
         ],
     ),
     "curly": (
-        "lifted and combed to one side",
+        "fuller at the sides, lifted on top",
         "front",
         [
-            (FRONT, {"radius": 70.0, "through": True}, (-0.08, -0.05, 0.16), (-70, 60)),
-            (FRONT, {"radius": 70.0, "through": True}, (0.08, -0.05, 0.16), (70, 60)),
-            (FRONT, {"radius": 60.0, "mode": "lift", "through": True}, (-0.04, 0.0, 0.28), (80, 0)),
+            (FRONT, {"radius": 70.0, "through": True}, (-0.1, -0.03, 0.12), (-40, 20)),
+            (FRONT, {"radius": 70.0, "through": True}, (0.1, -0.03, 0.12), (40, 20)),
+            (FRONT, {"radius": 60.0, "mode": "lift", "through": True}, (-0.03, 0.0, 0.3), (40, 0)),
         ],
     ),
     "straight": (
-        "behind the shoulders, ends curled",
-        "back_quarter",
+        "swept behind the ears",
+        "side",
         [
-            (RIGHT, {"radius": 60.0, **BOTH}, (0.11, -0.02, 0.12), (110, -10)),
-            (RIGHT, {"radius": 60.0, **BOTH}, (0.11, 0.0, 0.03), (90, 0)),
-            (BACK, {"radius": 150.0, "mode": "twist", "through": True, "profile": ENDS}, (-0.08, 0.1, -0.08), (200, 0)),
+            (RIGHT, {"radius": 60.0, **BOTH}, (0.11, -0.04, 0.14), (120, -10)),
+            (RIGHT, {"radius": 60.0, **BOTH}, (0.11, 0.0, 0.04), (90, 0)),
         ],
     ),
 }
@@ -78,14 +76,8 @@ RADIUS = 45.0  # pixels
 # name, view, world place where the brush starts, way in pixels of some 0.8 mm
 STROKES = (("back", "RIGHT", (0.1, 0.03, 0.10), (90.0, 40.0)), ("forward", "RIGHT", (0.1, 0.05, 0.12), (-90.0, 30.0)))
 STEPS = 20
-COMPARED = 1500  # strands that Blender's window keeps up with in software
-RADIUS = 45.0  # pixels
-STROKES = (
-    ("sweep back", "RIGHT", (0.1, 0.03, 0.10), (90.0, 40.0)),
-    ("bring forward", "RIGHT", (0.1, 0.05, 0.12), (-90.0, 30.0)),
-)
 COMPARED = ("wavy", "curly")
-SHOWN = ("Blender's comb, default falloff", "Hairloom's comb")
+SHOWN = ("Blender's comb, default falloff", "Blender's comb, constant falloff", "Hairloom's comb")
 MEASURES = ("finer_curvature", "finer_torsion", "whole_curvature", "whole_torsion")
 
 
@@ -105,14 +97,15 @@ def styling(style: str, strands: StrandSet, head: Head) -> StrandSet:
 class Sheet:
     """Pictures in a temporary folder, put side by side at the end."""
 
-    def __init__(self) -> None:
+    def __init__(self, pixels: int) -> None:
+        self.pixels = pixels
         self.folder = Path(tempfile.mkdtemp())
         self.images: list[Path] = []
         self.labels: list[str] = []
 
     def add(self, strands: StrandSet, head: Head, label: str, view: str, radius_scale: float, frame: Float32) -> None:
         """frame (n, 3): points that the picture has to hold."""
-        params = RenderParams(view=view, size=(PIXELS, PIXELS), radius_scale=radius_scale)
+        params = RenderParams(view=view, size=(self.pixels, self.pixels), radius_scale=radius_scale)
         path = self.folder / f"{len(self.images)}.png"
         self.images.append(render_strands(strands, head, path, params, frame_on=frame))
         self.labels.append(label)
@@ -123,12 +116,12 @@ class Sheet:
 
 def figure_styles() -> dict[str, Any]:
     """Three styles before and after a few strokes."""
-    sheet, numbers = Sheet(), {}
+    sheet, numbers = Sheet(PIXELS), {}
     for style, (name, view, _) in STYLINGS.items():
         strands, head = load_groom(style)
         result = styling(style, strands, head)
         numbers[style] = asdict(kept(strands, result.points, HeadSurface(head)))
-        frame = np.concatenate([head.vertices, strands.points])
+        frame = np.concatenate([head.vertices, strands.points, result.points])
         sheet.add(strands, head, style, view, 1.0, frame)
         sheet.add(result, head, f"{style}: {name}", view, 1.0, frame)
     sheet.write(PICTURES / "comb_styles.png", 2)
@@ -163,7 +156,7 @@ def comb_in_blender(blender: str, folder: Path) -> None:
 def compare(folder: Path) -> dict[str, Any]:
     """Both combs' strokes measured on the same strands: detail of those taken far, grip of those touched."""
     numbers: dict[str, Any] = {}
-    sheet = Sheet()
+    sheet = Sheet(SMALL_PIXELS)
     for style in COMPARED:
         strands, head, labels = comparison_groom(style)
         collider, surface = build_collider([head]), HeadSurface(head)
