@@ -242,8 +242,8 @@ def write_page(numbers: dict[str, Any]) -> None:
         lines += ["", "![refinement](pictures/fig4_refinement.png)", ""]
     if "fig6" in numbers:
         lines += ["## Fig. 6: four pairs", "", *table(numbers["fig6"]), "", "![pairs](pictures/fig6_pairs.png)", ""]
-    lines += ["## Fig. 7", "", "Detail transfer: [figure_transfer.md](figure_transfer.md). The comb, also beside Blender's"]
-    lines += ["own: [figure_comb.md](figure_comb.md).", ""]
+    lines += ["## Fig. 7", "", "Detail transfer: [figure_transfer.md](figure_transfer.md)."]
+    lines += ["The comb, also beside Blender's own: [figure_comb.md](figure_comb.md).", ""]
     if "fig8" in numbers:
         lines += ["## Fig. 8: against 2D synthesis", "", *table(numbers["fig8"]), "", "![2D](pictures/fig8_2d.png)", ""]
     (ROOT / "docs" / "figures.md").write_text("\n".join(lines), encoding="utf-8")
