@@ -133,40 +133,55 @@ def _fill_gaps(row: Any) -> None:
 
 
 @device
-def _point_turns(turns: Any, result: Any) -> None:
-    """Rotations at the points (N, 4) from those of the edges (N - 1, 4)."""
+def _point_turns(turns: Any, width: float, result: Any) -> None:
+    """Rotations at the points (N, 4) from those of the edges (N - 1, 4), smoothed over the wisp's width, in samples.
+
+    Hair beside a center that bends more sharply than the wisp is wide would be folded back on the inner side.
+    """
     m = turns.shape[0]
-    result[0] = turns[0]
-    result[m] = turns[m - 1]
-    for i in range(1, m):
+    for i in range(m + 1):
+        # less near the root, which does not turn, and evenly to both sides
+        reach = min(width + 0.5, float(i) + 0.5)
         total = 0.0
         for c in range(4):
-            result[i, c] = turns[i - 1, c] + turns[i, c]
+            result[i, c] = 0.0
+        low, high = int(max(i - reach - 0.5, 0.0)), int(min(i + reach, m - 1.0))
+        for j in range(low, high + 1):
+            weight = max(reach + 0.5 - abs(j + 0.5 - i), 0.0)
+            dot = 0.0
+            for c in range(4):
+                dot += result[i, c] * turns[j, c]
+            if dot < 0.0:
+                weight = -weight
+            for c in range(4):
+                result[i, c] += weight * turns[j, c]
+        for c in range(4):
             total += result[i, c] ** 2
         norm = sqrt(total)
-        if norm > 1e-9:
-            for c in range(4):
-                result[i, c] /= norm
-        else:
-            result[i] = turns[i]
+        if i == 0 or norm < 1e-9:
+            result[i] = turns[min(i, m - 1)]
+            continue
+        for c in range(4):
+            result[i, c] /= norm
 
 
 @parallel_kernel
 def carry(
     strands: Int32, slots: Int32, offsets: Int32, places: Float32, rest_points: Float32, points: Float32,
-    amounts: Float32, rest_centers: Float64, centers: Float64, turns: Float64,
+    amounts: Float32, rest_centers: Float64, centers: Float64, turns: Float64, widths: Float64,
     distance: Any, origin: Float64, cell: float, margin: float,
 ) -> None:  # fmt: skip
     """Bring the hair along: points (P, 3) of the given strands (n,) from where their centers (A, N, 3) are now.
 
     slots (n,): the row of each strand's center. turns (A, N - 1, 4): rotations of the centers' edges since the rest.
+    widths (A,): of the wisps, in samples.
     Each point keeps its displacement from its center, turned with it (Wang et al. 2009, sec. 6; eq. 6); then each
     strand gets its segment lengths back. amounts (S,): how much of the way each strand goes.
     """
     n_rows, n = centers.shape[0], centers.shape[1]
     frames = np.empty((n_rows, n, 4))
     for a in numba.prange(n_rows):
-        _point_turns(turns[a], frames[a])
+        _point_turns(turns[a], widths[a], frames[a])
     for j in numba.prange(len(strands)):
         strand, a = strands[j], slots[j]
         first, count = offsets[strand], offsets[strand + 1] - offsets[strand]

@@ -15,6 +15,7 @@ from ._rotation_kernels import multiply, rotate, turn_between
 
 _DIRECTIONS = 512  # tried by `_escape`
 _GOLDEN_ANGLE = 2.399963229728653
+_JUST_INSIDE = 0.002  # metres
 _WINDOWS = 6  # of the strand's length, over which its lengthening is measured
 _STEER = 0.1  # of the way back to the path, in each step
 FREE_WEIGHT = 1e-3  # trust in the direction of an edge that nothing pulls at
@@ -29,6 +30,17 @@ def _distance_at(distance: Any, origin: Any, cell: float, x: float, y: float, z:
 @device
 def _gradient_at(distance: Any, origin: Any, cell: float, x: float, y: float, z: float) -> Any:
     return sample_gradient(distance, origin, cell, x, y, z)
+
+
+@device
+def _limit(before: float, margin: float) -> float:
+    """How far outside a point must stay that was `before` outside: as far, the margin at most; 0 if it was just inside.
+
+    Only hair that was well inside may stay there: the grid is a little wrong where the head has folds.
+    """
+    if before < -_JUST_INSIDE:
+        return before
+    return min(margin, max(before, 0.0))
 
 
 @device
@@ -99,7 +111,7 @@ def _push_out(points: Any, rest: Any, distance: Any, origin: Any, cell: float, m
         now = _distance_at(distance, origin, cell, points[i, 0], points[i, 1], points[i, 2])
         if now >= margin:
             continue
-        limit = min(margin, _distance_at(distance, origin, cell, rest[i, 0], rest[i, 1], rest[i, 2]))
+        limit = _limit(_distance_at(distance, origin, cell, rest[i, 0], rest[i, 1], rest[i, 2]), margin)
         if now >= limit:
             continue
         gx, gy, gz = _gradient_at(distance, origin, cell, points[i, 0], points[i, 1], points[i, 2])
@@ -286,7 +298,7 @@ def slide_out(y: Any, x: Any, rest: Any, length: float, distance: Any, origin: A
     """Turn y about x until it is outside the collider (or as deep as `rest` was)."""
     if _distance_at(distance, origin, cell, y[0], y[1], y[2]) >= margin:
         return
-    limit = min(margin, _distance_at(distance, origin, cell, rest[0], rest[1], rest[2])) - 1e-6
+    limit = _limit(_distance_at(distance, origin, cell, rest[0], rest[1], rest[2]), margin) - 1e-6
     if _slide(y, x, length, distance, origin, cell, limit):
         return
     if not _escape(y, x, length, distance, origin, cell, limit):

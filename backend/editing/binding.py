@@ -10,7 +10,7 @@ from ..errors import require
 from ..geometry.root_graph import RootGraph, connect_roots
 from ..geometry.strands import resample_smooth
 from ..types import Float32, Float64, Int32, StrandSet
-from ._binding_kernels import average_members, bound_wisps, place_points
+from ._binding_kernels import average_members, bound_wisps, measure_widths, place_points
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +93,15 @@ def wisp_spheres(points: Float32, offsets: Int32, binding: Binding, chosen: Int3
     spheres = np.empty((len(chosen), 4))
     bound_wisps(points, offsets, binding.members, binding.starts, chosen, spheres)
     return spheres
+
+
+def wisp_widths(points: Float32, offsets: Int32, binding: Binding, chosen: Int32) -> Float64:
+    """(n,) how far the hair of the chosen centers (n,) is from its center, root mean square, in center samples."""
+    widths = np.empty(len(chosen))
+    measure_widths(
+        points, offsets, binding.members, binding.starts, binding.places, binding.centers, chosen, widths
+    )  # fmt: skip
+    return widths
 
 
 def neighbour_graph(roots: Float32) -> RootGraph:

@@ -27,7 +27,7 @@ __all__ = ["FAR_OUTSIDE", "Collider", "build_collider"]
 Indices = NDArray[np.int64]
 
 # Cells along the scalp, or along the whole box where no mesh has one: a scalp's distance is then 0.05 mm right.
-_CELLS_ALONG_SCALP = 72
+_CELLS_ALONG_SCALP = 80
 _REACH = 1.5  # of the scalp's size: how far from the roots hair is kept out of the meshes
 _CELLS_ALONG_BOX = 160
 _MARGIN = 4  # cells between the surface and the end of the grid; more than one, so that the outside is in the grid
@@ -102,7 +102,7 @@ def build_collider(
     Parameters
     ----------
     meshes : one or more, world space, metres. Of the scalp only the size is used, for the default cell.
-    cell : metres; None for 1/72 of the scalp's longest side (1/160 of the box's without a scalp), more if the grid
+    cell : metres; None for 1/80 of the scalp's longest side (1/160 of the box's without a scalp), more if the grid
         would have over 3 million nodes.
     around : (n, 3) float, metres, world space: only the part of the meshes in the box of these points is covered. Give
         the places that hair may come to: beyond the grid everything counts as far outside.

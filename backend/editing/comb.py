@@ -18,7 +18,7 @@ from ..geometry.root_graph import RootGraph
 from ..progress import NO_PROGRESS, Progress
 from ..types import Float32, Float64, Int32, StrandSet
 from ._brush_kernels import carry, front_depths, set_lengths, touch, turn_on
-from .binding import Binding, bind_strands, neighbour_graph, outward_normals, wisp_spheres
+from .binding import Binding, bind_strands, neighbour_graph, outward_normals, wisp_spheres, wisp_widths
 from .brush import Projection, mirrored, near_brush, pressed, profile_weights, steps_between
 from .collider import Collider
 from .deformation import DeformParams, collider_arrays, deform
@@ -120,12 +120,16 @@ class CombSession:
 
 @dataclass(slots=True)
 class _Active:
-    """The centers that the stroke has moved or may move: numbers (A,), rest, points (A, N, 3), turns (A, N - 1, 4)."""
+    """The centers that the stroke has moved or may move: numbers (A,), rest, points (A, N, 3), turns (A, N - 1, 4).
+
+    widths (A,) : of their wisps, in samples.
+    """
 
     numbers: Int32
     rest: Float64
     points: Float64
     turns: Float64
+    widths: Float64
 
 
 class _Running:
@@ -152,7 +156,8 @@ class _Running:
         self._ratios = np.ones(n_strands)
         self._slots = np.full(binding.n_centers, -1, np.int32)
         shape = (0, n_samples, 3)
-        self._active = _Active(np.zeros(0, np.int32), np.zeros(shape), np.zeros(shape), np.zeros((0, n_samples - 1, 4)))
+        nothing = np.zeros(shape)
+        self._active = _Active(np.zeros(0, np.int32), nothing, nothing, np.zeros((0, n_samples - 1, 4)), np.zeros(0))
 
     def move(self, x: float, y: float, pressure: float) -> bool:
         start = np.array(self.samples[-1][:2]) if self.samples else None
@@ -244,6 +249,7 @@ class _Running:
             np.concatenate([active.rest, centers]),
             np.concatenate([active.points, centers]),
             np.concatenate([active.turns, turns]),
+            np.concatenate([active.widths, wisp_widths(self.rest, self._offsets, self._binding, new)]),
         )
 
     def _pull(self, grips: Grips, place: Float64, pixels: Float64, strength: float) -> bool:
@@ -304,7 +310,8 @@ class _Running:
         rows = self._slots[numbers]
         carry(
             strands, owners, self._offsets, self._binding.places, self.rest, self.points, self._amounts,
-            active.rest[rows], active.points[rows], active.turns[rows], *self._solid, DeformParams().margin,
+            active.rest[rows], active.points[rows], active.turns[rows], active.widths[rows],
+            *self._solid, DeformParams().margin,
         )  # fmt: skip
         self._spheres[numbers] = wisp_spheres(self.points, self._offsets, self._binding, numbers)
         return True

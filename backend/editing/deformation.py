@@ -30,7 +30,7 @@ class DeformParams:
     iterations: int = 4  # alternations of a step; the paper's 3 to 5
     bend_length: float = 0.08  # share of the strand over which a bend is spread
     drag: float = 0.3  # 0 .. 1, how much strands without handles turn along with their neighbours
-    margin: float = 0.0005  # metres that hair keeps from the collider, whose grid is up to 0.7 mm wrong at real ears
+    margin: float = 0.001  # metres kept from the collider by hair that was as far off; its grid errs at folds
 
     def __post_init__(self) -> None:
         require(1 <= self.iterations <= 1000, f"iterations is {self.iterations}; it must be in 1..1000")

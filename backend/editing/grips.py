@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from ..geometry.root_graph import RootGraph
@@ -12,8 +13,11 @@ from ..types import Float64, Int32
 from .brush import Projection
 from .strokes import CombParams
 
+Int64 = NDArray[np.int64]
+
 HANDLE_WEIGHT = 100.0  # a firm hold, against 1 of an edge
-_TANGENT_SAMPLES = 3  # samples to either side that the direction of a center is taken from
+_TANGENT_SAMPLES = 5  # samples to either side that the direction of a center is taken from
+_ROOT_SHARE = 0.15  # of a strand, next to its root, that the brush has less hold of
 _SMOOTH_SIGMA = 3.0  # samples over which Smooth evens out the flow
 
 
@@ -103,17 +107,20 @@ def pull(
     for number, (view, hold) in enumerate(zip(views, grips.holds)):
         touched = np.flatnonzero(hold.any(axis=1))
         shape = hold[touched] / hold[touched].max(axis=1, initial=1e-9)[:, None]
+        firmness = strength * hold[touched].max(axis=1, initial=0.0)
+        sample = _middles(shape)
+        # hair that is held at its root cannot follow: it would be folded over there
+        firmness *= np.minimum(sample / (_ROOT_SHARE * (shape.shape[1] - 1)), 1.0)
         if params.mode == "lift":
             assert normals is not None
             way = np.linalg.norm(view.moves(held[touched].reshape(-1, 3), drag), axis=1).reshape(shape.shape)
-            way *= strength * hold[touched].max(axis=1, initial=0.0)[:, None] * (-1.0 if params.invert else 1.0)
+            way *= firmness[:, None] * (-1.0 if params.invert else 1.0)
             move = way[:, :, None] * normals[rows[touched]][:, None, :]
         else:
-            share = strength * hold[touched].max(axis=1, initial=0.0)
-            move = _comb_moves(
-                contacts, number, grips.numbers[touched], held[touched], view, place, drag, params.slip, share
+            move, sample = _comb_moves(
+                contacts, number, grips.numbers[touched], held[touched], view, place, drag, params.slip, firmness
             )
-        # at the brush's rim samples are led along less firmly, not less far: they would be pinned where they are
+        shape = _around(sample, shape)
         total[touched] += shape[:, :, None] * move
         weight[touched] += shape
     # where the brush and its mirror image hold the same hair, they share it
@@ -123,6 +130,22 @@ def pull(
     weights[:, :2] = 0.0
     targets[rows] += total
     return weights, targets
+
+
+def _middles(shape: Float64) -> Int64:
+    """(n,) the middle of the samples that are held most firmly, of holds (n, N)."""
+    firmest = shape >= shape.max(axis=1, initial=0.0)[:, None]
+    index = np.arange(shape.shape[1])
+    return np.asarray(np.rint((firmest * index).sum(axis=1) / np.maximum(firmest.sum(axis=1), 1)), np.int64)
+
+
+def _around(samples: Int64, shape: Float64) -> Float64:
+    """Holds (n, N) of one sample each, as firm as `shape` (n, N) says, weak beside it.
+
+    A strand that were held along the whole brush could not turn in it and would fold at its rim.
+    """
+    away = np.abs(np.arange(shape.shape[1]) - samples[:, None])
+    return np.asarray(shape * np.where(away == 0, 1.0, 0.0))
 
 
 def _comb_moves(
@@ -135,8 +158,11 @@ def _comb_moves(
     drag: Float64,
     slip: float,
     share: Float64,
-) -> Float64:
-    """(n, 1, 3) world moves that bring the contacts of centers (n, N, 3) to where the brush wants them."""
+) -> tuple[Float64, Int64]:
+    """World moves (n, 1, 3) that bring the contacts of centers (n, N, 3) to where the brush wants them; their samples.
+
+    The samples (n,) are those nearest to the contacts.
+    """
     count, n_samples = held.shape[:2]
     pixels = view.pixels(held.reshape(-1, 3))[0].reshape(count, n_samples, 2)
     goals = contacts.goals(number, numbers, pixels, place, drag, share)
@@ -150,7 +176,7 @@ def _comb_moves(
     across -= (across * along).sum(axis=1, keepdims=True) * along
     kept = (1.0 - slip) * share[:, None] * (along @ drag)[:, None] * along
     contact = held[rows, sample]
-    return view.moves(contact, across + kept)[:, None]
+    return view.moves(contact, across + kept)[:, None], sample
 
 
 def turn_step(
