@@ -75,16 +75,18 @@ def place_points(points: Float32, offsets: Int32, last: int, places: Float32, le
 @parallel_kernel
 def measure_widths(
     points: Float32, offsets: Int32, members: Int32, starts: Int32, places: Float32, centers: Float32,
-    chosen: Int32, widths: Float64,
+    chosen: Int32, means: Float64, most: Float64,
 ) -> None:  # fmt: skip
-    """widths (n,): how far the hair of the chosen centers is from its center, root mean square, in steps of the center.
+    """How far the hair of the chosen centers is from its center: root mean square, in steps of the center, and at most.
+
+    means (n,) samples; most (n,) metres.
 
     centers (K, N, 3); places (P,): where along its center each point lies, in samples.
     """
     n = centers.shape[1]
     for a in numba.prange(len(chosen)):
         center = centers[chosen[a]]
-        total = length = 0.0
+        total = length = farthest = 0.0
         count = 0
         for i in range(1, n):
             square = 0.0
@@ -95,8 +97,12 @@ def measure_widths(
             for p in range(offsets[members[m]], offsets[members[m] + 1]):
                 k = min(int(places[p]), n - 2)
                 t = places[p] - k
+                square = 0.0
                 for c in range(3):
-                    total += (points[p, c] - (1.0 - t) * center[k, c] - t * center[k + 1, c]) ** 2
+                    square += (points[p, c] - (1.0 - t) * center[k, c] - t * center[k + 1, c]) ** 2
+                total += square
+                farthest = max(farthest, square)
                 count += 1
         step = length / (n - 1)
-        widths[a] = sqrt(total / max(count, 1)) / step if step > 0.0 else 0.0
+        means[a] = sqrt(total / max(count, 1)) / step if step > 0.0 else 0.0
+        most[a] = sqrt(farthest)

@@ -13,6 +13,8 @@ from ..types import Float32, Float64, Int32
 from ._deformation_kernels import slide_out, walk
 from ._rotation_kernels import multiply, rotate
 
+_CHUNKS = 64  # of the strands that are carried, each with its own working space
+
 
 @device
 def _to_pixels(m: Any, half: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
@@ -34,6 +36,31 @@ def _fade(distance: float, radius: float, hardness: float) -> float:
         return 1.0
     t = (1.0 - share) / (1.0 - hardness)
     return t * t * (3.0 - 2.0 * t)
+
+
+@parallel_kernel
+def near_centers(
+    centers: Float32, chosen: Int32, widths: Float64, matrix: Float64, half: Float64, scale: float, place: Float64,
+    radius: float, is_near: Any,
+) -> None:  # fmt: skip
+    """is_near (n,): may hair within `widths` (K,), metres, of the chosen centers (K, N, 3) reach into the circle?
+
+    scale : pixels that a metre across the view has at clip w 1, at most.
+    """
+    for a in numba.prange(len(chosen)):
+        center = centers[chosen[a]]
+        before_x = before_y = 0.0
+        is_near[a] = False
+        for i in range(center.shape[0]):
+            x, y, w = _to_pixels(matrix, half, center[i, 0], center[i, 1], center[i, 2])
+            reach = radius + widths[chosen[a]] * scale / max(w - widths[chosen[a]], 1e-3)
+            if i > 0:
+                # at least the length of the segment on the screen
+                reach += abs(x - before_x) + abs(y - before_y)
+            before_x, before_y = x, y
+            if w <= widths[chosen[a]] or (x - place[0]) ** 2 + (y - place[1]) ** 2 < reach * reach:
+                is_near[a] = True
+                break
 
 
 @parallel_kernel
@@ -182,42 +209,55 @@ def carry(
     frames = np.empty((n_rows, n, 4))
     for a in numba.prange(n_rows):
         _point_turns(turns[a], widths[a], frames[a])
-    for j in numba.prange(len(strands)):
-        strand, a = strands[j], slots[j]
-        first, count = offsets[strand], offsets[strand + 1] - offsets[strand]
-        path = np.empty((count, 3))
-        rest = np.empty((count, 3))
-        result = np.empty((count, 3))
-        turn = np.empty(4)
-        share = amounts[strand]
-        for i in range(count):
-            for c in range(3):
-                rest[i, c] = rest_points[first + i, c]
-            place = places[first + i]
-            k = min(int(place), n - 2)
-            t = place - k
-            total = 0.0
-            for c in range(4):
-                turn[c] = (1.0 - t) * frames[a, k, c] + t * frames[a, k + 1, c]
-                total += turn[c] ** 2
-            norm = 1.0 / sqrt(max(total, 1e-30))
-            for c in range(4):
-                turn[c] *= norm
-            bx = (1.0 - t) * rest_centers[a, k, 0] + t * rest_centers[a, k + 1, 0]
-            by = (1.0 - t) * rest_centers[a, k, 1] + t * rest_centers[a, k + 1, 1]
-            bz = (1.0 - t) * rest_centers[a, k, 2] + t * rest_centers[a, k + 1, 2]
-            dx, dy, dz = rotate(turn, rest[i, 0] - bx, rest[i, 1] - by, rest[i, 2] - bz)
-            path[i, 0] = (1.0 - t) * centers[a, k, 0] + t * centers[a, k + 1, 0] + dx
-            path[i, 1] = (1.0 - t) * centers[a, k, 1] + t * centers[a, k + 1, 1] + dy
-            path[i, 2] = (1.0 - t) * centers[a, k, 2] + t * centers[a, k + 1, 2] + dz
-            if share < 1.0:
+    longest = 0
+    for j in range(len(strands)):
+        longest = max(longest, offsets[strands[j] + 1] - offsets[strands[j]])
+    n_chunks = min(_CHUNKS, len(strands))
+    for chunk in numba.prange(n_chunks):
+        # working space once for many strands
+        space, arcs = np.empty((4, longest, 3)), np.empty((2, longest))
+        for j in range(chunk * len(strands) // n_chunks, (chunk + 1) * len(strands) // n_chunks):
+            strand, a = strands[j], slots[j]
+            first, count = offsets[strand], offsets[strand + 1] - offsets[strand]
+            path, rest, result = space[0, :count], space[1, :count], space[2, :count]
+            for i in range(count):
                 for c in range(3):
-                    path[i, c] = rest[i, c] + share * (path[i, c] - rest[i, c])
-        path[0] = rest[0]
-        walk(path, rest, result, distance, origin, cell, margin)
-        for i in range(1, count):
+                    rest[i, c] = rest_points[first + i, c]
+            _lay_path(
+                path, rest, places[first : first + count], rest_centers[a], centers[a], frames[a], amounts[strand]
+            )
+            walk(path, rest, result, space[3, :count], arcs, distance, origin, cell, margin)
+            for i in range(1, count):
+                for c in range(3):
+                    points[first + i, c] = result[i, c]
+
+
+@device
+def _lay_path(path: Any, rest: Any, places: Any, rest_center: Any, center: Any, frames: Any, share: float) -> None:
+    """path (n, 3): each point of `rest` (n, 3) with its displacement from its center, where the center is now."""
+    last = center.shape[0] - 2
+    turn = np.empty(4)
+    for i in range(path.shape[0]):
+        k = min(int(places[i]), last)
+        t = places[i] - k
+        total = 0.0
+        for c in range(4):
+            turn[c] = (1.0 - t) * frames[k, c] + t * frames[k + 1, c]
+            total += turn[c] ** 2
+        norm = 1.0 / sqrt(max(total, 1e-30))
+        for c in range(4):
+            turn[c] *= norm
+        bx = (1.0 - t) * rest_center[k, 0] + t * rest_center[k + 1, 0]
+        by = (1.0 - t) * rest_center[k, 1] + t * rest_center[k + 1, 1]
+        bz = (1.0 - t) * rest_center[k, 2] + t * rest_center[k + 1, 2]
+        dx, dy, dz = rotate(turn, rest[i, 0] - bx, rest[i, 1] - by, rest[i, 2] - bz)
+        path[i, 0] = (1.0 - t) * center[k, 0] + t * center[k + 1, 0] + dx
+        path[i, 1] = (1.0 - t) * center[k, 1] + t * center[k + 1, 1] + dy
+        path[i, 2] = (1.0 - t) * center[k, 2] + t * center[k + 1, 2] + dz
+        if share < 1.0:
             for c in range(3):
-                points[first + i, c] = result[i, c]
+                path[i, c] = rest[i, c] + share * (path[i, c] - rest[i, c])
+    path[0] = rest[0]
 
 
 @parallel_kernel

@@ -195,7 +195,7 @@ def relax(
 def _arcs(points: Any, reached: Any) -> None:
     """reached (n,): arc lengths of the points of a polyline (n, 3)."""
     reached[0] = 0.0
-    for i in range(1, len(reached)):
+    for i in range(1, points.shape[0]):
         square = 0.0
         for c in range(3):
             square += (points[i, c] - points[i - 1, c]) ** 2
@@ -203,14 +203,13 @@ def _arcs(points: Any, reached: Any) -> None:
 
 
 @device
-def _slide_along(path: Any, rest: Any, slid: Any) -> None:
+def _slide_along(path: Any, rest: Any, slid: Any, now: Any, before: Any) -> None:
     """`slid` (n, 3): the path (n, 3), each point slid along it by as much as the path is longer or shorter than `rest`.
 
     How much longer is measured over a sixth of the strand, so that curls slide as a whole and are not left out. Where
     the path ends too early the strand goes on in its own shape.
     """
     n = path.shape[0]
-    now, before = np.empty(n), np.empty(n)
     _arcs(path, now)
     _arcs(rest, before)
     half = max(1, (n - 1) // _WINDOWS // 2)
@@ -251,18 +250,21 @@ def _step_towards(x: Any, aim: Any, fallback: Any, length: float, out: Any) -> N
 
 
 @device
-def walk(path: Any, rest: Any, out: Any, distance: Any, origin: Any, cell: float, margin: float) -> None:
+def walk(
+    path: Any, rest: Any, out: Any, slid: Any, arcs: Any, distance: Any, origin: Any, cell: float, margin: float
+) -> None:
     """A strand on `path` (n, 3) with the segment lengths of `rest` (n, 3) and outside the collider.
 
     The strand slides along its path (`_slide_along`); each edge then gets its length in its own direction, led back to
     the path a little. A point pushed out of the collider turns about the one before it, so that lengths stay.
+    slid (n, 3) and arcs (2, n or more) are working space.
     """
     n = path.shape[0]
-    slid = np.empty((n, 3))
-    _slide_along(path, rest, slid)
+    _slide_along(path, rest, slid, arcs[0], arcs[1])
     out[0] = path[0]
     aim = np.empty(3)
     fallback = path[n - 1] - path[n - 2]
+    free = 0.0  # way that is known to be free
     for i in range(1, n):
         x = out[i - 1]
         square = 0.0
@@ -275,11 +277,26 @@ def walk(path: Any, rest: Any, out: Any, distance: Any, origin: Any, cell: float
         length = sqrt(square)
         _step_towards(x, aim, fallback, length, out[i])
         if distance.size > 0:
-            slide_out(out[i], x, rest[i], length, distance, origin, cell, margin)
-            if i > 1 and _turns_back(out[i - 2], x, out[i]) and not _turns_back(rest[i - 2], rest[i - 1], rest[i]):
-                # a path that runs inside the head leads into pockets: rather go on over the surface
-                _step_towards(x, x + x - out[i - 2], fallback, length, out[i])
-                slide_out(out[i], x, rest[i], length, distance, origin, cell, margin)
+            free -= length
+            if free < 0.0:
+                now = _distance_at(distance, origin, cell, out[i, 0], out[i, 1], out[i, 2])
+                # half of the way to the surface, as the distance is less exact far from it; beyond the grid, nothing
+                free = 0.5 * (now - margin) if margin <= now < 1.0 else 0.0
+                if now < margin:
+                    _keep_out(out, i, rest, length, fallback, distance, origin, cell, margin)
+
+
+@device
+def _keep_out(
+    out: Any, i: int, rest: Any, length: float, fallback: Any, distance: Any, origin: Any, cell: float, margin: float
+) -> None:
+    """Turn point i of a strand out of the collider, about the point before it."""
+    x = out[i - 1]
+    slide_out(out[i], x, rest[i], length, distance, origin, cell, margin)
+    if i > 1 and _turns_back(out[i - 2], x, out[i]) and not _turns_back(rest[i - 2], rest[i - 1], rest[i]):
+        # a path that runs inside the head leads into pockets: rather go on over the surface
+        _step_towards(x, x + x - out[i - 2], fallback, length, out[i])
+        slide_out(out[i], x, rest[i], length, distance, origin, cell, margin)
 
 
 @device

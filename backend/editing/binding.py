@@ -95,13 +95,14 @@ def wisp_spheres(points: Float32, offsets: Int32, binding: Binding, chosen: Int3
     return spheres
 
 
-def wisp_widths(points: Float32, offsets: Int32, binding: Binding, chosen: Int32) -> Float64:
-    """(n,) how far the hair of the chosen centers (n,) is from its center, root mean square, in center samples."""
-    widths = np.empty(len(chosen))
+def wisp_widths(points: Float32, offsets: Int32, binding: Binding) -> tuple[Float64, Float64]:
+    """How far the hair of each center is from it: (K,) root mean square, in samples, and (K,) at most, metres."""
+    means, most = np.empty(binding.n_centers), np.empty(binding.n_centers)
+    everything = np.arange(binding.n_centers, dtype=np.int32)
     measure_widths(
-        points, offsets, binding.members, binding.starts, binding.places, binding.centers, chosen, widths
-    )  # fmt: skip
-    return widths
+        points, offsets, binding.members, binding.starts, binding.places, binding.centers, everything, means, most
+    )
+    return means, most
 
 
 def neighbour_graph(roots: Float32) -> RootGraph:

@@ -35,6 +35,13 @@ class Projection:
         w = points @ self.matrix[3, :3] + self.matrix[3, 3]
         return np.asarray(np.maximum(w, 0.0)[:, None] * (pixels @ self.drag.T))
 
+    @property
+    def length_scale(self) -> float:
+        """Pixels that a metre across the view is long at clip w 1, at most, wherever it is seen."""
+        # a point off the middle of a perspective view also moves with its depth
+        across = float(np.linalg.norm(self.matrix[:2, :3] * self.half[:, None], axis=1).max())
+        return across + float(np.linalg.norm(self.matrix[3, :3])) * float(self.half.max())
+
     def length(self, depth: float, pixels: float) -> float:
         """Metres that `pixels` are long at a depth along `forward`."""
         w = self.matrix[3, :3] @ (self.forward * depth) + self.matrix[3, 3]

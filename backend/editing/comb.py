@@ -16,8 +16,8 @@ import numpy as np
 from ..errors import require
 from ..geometry.root_graph import RootGraph
 from ..progress import NO_PROGRESS, Progress
-from ..types import Float32, Float64, Int32, StrandSet
-from ._brush_kernels import carry, front_depths, set_lengths, touch, turn_on
+from ..types import Bools, Float32, Float64, Int32, StrandSet
+from ._brush_kernels import carry, front_depths, near_centers, set_lengths, touch, turn_on
 from .binding import Binding, bind_strands, neighbour_graph, outward_normals, wisp_spheres, wisp_widths
 from .brush import Projection, mirrored, near_brush, pressed, profile_weights, steps_between
 from .collider import Collider
@@ -27,6 +27,7 @@ from .strokes import CombParams, Stroke, View
 
 MAX_SAMPLES = 32  # points of a center strand; finer shape is detail, which is carried along
 _REPEATS, _REPEAT_ITERATIONS = 2, 2  # of pulling at the contacts in each step
+_REACH = 1.5  # how much wider than at rest a wisp may become
 _STEP_SHARE = 0.5  # of the radius that the brush moves at once
 _LENGTH_LIMITS = (0.02, 2.0)  # of a strand's length that one stroke can trim or grow it to
 
@@ -120,16 +121,12 @@ class CombSession:
 
 @dataclass(slots=True)
 class _Active:
-    """The centers that the stroke has moved or may move: numbers (A,), rest, points (A, N, 3), turns (A, N - 1, 4).
-
-    widths (A,) : of their wisps, in samples.
-    """
+    """The centers that the stroke has moved or may move: numbers (A,), rest, points (A, N, 3), turns (A, N - 1, 4)."""
 
     numbers: Int32
     rest: Float64
     points: Float64
     turns: Float64
-    widths: Float64
 
 
 class _Running:
@@ -148,6 +145,10 @@ class _Running:
         self._amounts = np.ones(n_strands, np.float32) if selection is None else np.ascontiguousarray(selection)
         everything = np.arange(binding.n_centers, dtype=np.int32)
         self._spheres = wisp_spheres(self.points, self._offsets, binding, everything)
+        self._centers = binding.centers.copy()
+        self._widths, widest = wisp_widths(self.points, self._offsets, binding)
+        # hair slides along its wisp when lengths are restored, and may stand off a little farther then
+        self._reach = _REACH * widest
         self._grips = np.zeros((len(self._views), binding.n_centers))
         self._contacts = Contacts(len(self._views), binding.n_centers)
         self._allowed = None if not stroke.params.only_first else np.zeros(binding.n_centers, np.bool_)
@@ -157,7 +158,7 @@ class _Running:
         self._slots = np.full(binding.n_centers, -1, np.int32)
         shape = (0, n_samples, 3)
         nothing = np.zeros(shape)
-        self._active = _Active(np.zeros(0, np.int32), nothing, nothing, np.zeros((0, n_samples - 1, 4)), np.zeros(0))
+        self._active = _Active(np.zeros(0, np.int32), nothing, nothing, np.zeros((0, n_samples - 1, 4)))
 
     def move(self, x: float, y: float, pressure: float) -> bool:
         start = np.array(self.samples[-1][:2]) if self.samples else None
@@ -196,13 +197,22 @@ class _Running:
             near = near_brush(view, self._spheres, place, radius)
             if self._allowed is not None and self._allowed.any():
                 near &= self._allowed
-            chosen, touched = self._touch_in(view, np.flatnonzero(near).astype(np.int32), held, place, radius)
+            chosen, touched = self._touch_in(view, self._near(view, near, place, radius), held, place, radius)
             most = touched.max(axis=1, initial=0.0)
             before = held[chosen]
             held[:] = 0.0
             held[chosen] = np.maximum(before, most)
             found.append((chosen, touched / most[:, None] * held[chosen, None] * self._profile))
         return Grips.merged(found)
+
+    def _near(self, view: Projection, near: Bools, place: Float64, radius: float) -> Int32:
+        """Of the centers `near` (K,), those whose hair may lie under the brush, by the centers' own course."""
+        chosen = np.flatnonzero(near).astype(np.int32)
+        is_near = np.empty(len(chosen), np.bool_)
+        near_centers(
+            self._centers, chosen, self._reach, view.matrix, view.half, view.length_scale, place, radius, is_near
+        )
+        return chosen[is_near]
 
     def _touch_in(
         self, view: Projection, near: Int32, held: Float64, place: Float64, radius: float
@@ -249,7 +259,6 @@ class _Running:
             np.concatenate([active.rest, centers]),
             np.concatenate([active.points, centers]),
             np.concatenate([active.turns, turns]),
-            np.concatenate([active.widths, wisp_widths(self.rest, self._offsets, self._binding, new)]),
         )
 
     def _pull(self, grips: Grips, place: Float64, pixels: Float64, strength: float) -> bool:
@@ -310,10 +319,11 @@ class _Running:
         rows = self._slots[numbers]
         carry(
             strands, owners, self._offsets, self._binding.places, self.rest, self.points, self._amounts,
-            active.rest[rows], active.points[rows], active.turns[rows], active.widths[rows],
+            active.rest[rows], active.points[rows], active.turns[rows], self._widths[numbers],
             *self._solid, DeformParams().margin,
         )  # fmt: skip
         self._spheres[numbers] = wisp_spheres(self.points, self._offsets, self._binding, numbers)
+        self._centers[numbers] = active.points[rows]
         return True
 
     def _change_lengths(self, grips: Grips, pixels: Float64, strength: float) -> bool:
@@ -329,7 +339,10 @@ class _Running:
         set_lengths(
             strands, self._offsets, self.rest, self.points, self._ratios, *self._solid, DeformParams().margin
         )  # fmt: skip
-        self._spheres[grips.numbers] = wisp_spheres(self.points, self._offsets, self._binding, grips.numbers)
+        spheres = wisp_spheres(self.points, self._offsets, self._binding, grips.numbers)
+        self._spheres[grips.numbers] = spheres
+        # hair may grow far beyond its center
+        self._reach[grips.numbers] = 2.0 * spheres[:, 3]
         return True
 
 
