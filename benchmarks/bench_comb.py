@@ -56,10 +56,10 @@ def _stroke(
 
 
 def _find_radius(hair: tuple[StrandSet, tuple[Int32, ...]], collider: Collider, view: View, level: int) -> float:
-    """Pixels with which a move holds TOUCHED of the strands, as near as halving the range five times gets."""
+    """Pixels with which a move holds TOUCHED of the strands, as near as halving the range seven times gets."""
     low, high = 5.0, 320.0
     samples = drag(view, START, WAY, STEPS)
-    for _ in range(5):
+    for _ in range(7):
         radius = float(np.sqrt(low * high))
         share = _stroke(hair, collider, view, CombParams(radius=radius, level=level), samples)[2]
         low, high = (radius, high) if share < TOUCHED else (low, radius)
@@ -72,10 +72,14 @@ def run(*, quick: bool = False) -> list[dict[str, Any]]:
     view = look((1.0, 0.05, 0.15), (0.0, 0.02, 0.15))
     samples = drag(view, START, WAY, STEPS)
     rows: list[dict[str, Any]] = []
+    radii: dict[int, float] = {}
     for count in (1000, 20_000) if quick else (1000, 20_000, 100_000):
         hair = _groom(count)
         for level, name in ((-1, "largest wisps"), (0, "single strands")):
-            radius = _find_radius(hair, collider, view, level)  # also compiles
+            if count <= 20_000 or level != 0:
+                radii[level] = _find_radius(hair, collider, view, level)  # also compiles
+            # for very many single strands the search takes minutes: as with the largest wisps
+            radius = radii[level] if count <= 20_000 else radii[-1]
             runs = [_stroke(hair, collider, view, CombParams(radius=radius, level=level), samples) for _ in range(RUNS)]
             # of each move the best of the runs: what the same move costs when nothing else runs
             moves = np.min([moves for _, moves, _ in runs], axis=0)
