@@ -168,8 +168,6 @@ class _Running:
         if start is None:
             # the first touch takes hold
             self._touch(end, radius)
-            if self._allowed is not None:
-                self._allowed |= self._grips.max(axis=0) > 0
             return False
         changed = False
         for place in steps_between(start, end, _STEP_SHARE * radius):
@@ -203,6 +201,8 @@ class _Running:
             held[:] = 0.0
             held[chosen] = np.maximum(before, most)
             found.append((chosen, touched / most[:, None] * held[chosen, None] * self._profile))
+        if self._allowed is not None and not self._allowed.any():
+            self._allowed = self._grips.max(axis=0) > 0
         return Grips.merged(found)
 
     def _near(self, view: Projection, near: Bools, place: Float64, radius: float) -> Int32:

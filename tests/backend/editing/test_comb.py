@@ -244,6 +244,10 @@ def test_only_the_first_wisps() -> None:
     only = replace(long_way, params=replace(long_way.params, only_first=True))
     kept = binding.labels[moved_strands(hair, comb(hair, labels, [only])) > 0]
     assert 0 < len(np.unique(kept)) < len(np.unique(everything))
+    # a stroke that comes from beside the hair keeps to what it meets first
+    from_beside = replace(only, samples=np.concatenate([[[5.0, 5.0, 1.0]], only.samples]))
+    met = binding.labels[moved_strands(hair, comb(hair, labels, [from_beside])) > 0]
+    assert 0 < len(np.unique(met)) < len(np.unique(everything))
 
 
 def test_profile_spares_what_it_leaves_out() -> None:
