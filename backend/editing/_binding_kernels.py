@@ -75,17 +75,17 @@ def place_points(points: Float32, offsets: Int32, last: int, places: Float32, le
 @parallel_kernel
 def measure_widths(
     points: Float32, offsets: Int32, members: Int32, starts: Int32, places: Float32, centers: Float32,
-    chosen: Int32, means: Float64, most: Float64,
+    means: Float64, most: Float64,
 ) -> None:  # fmt: skip
-    """How far the hair of the chosen centers is from its center: root mean square, in steps of the center, and at most.
+    """How far the hair of each center is from it: root mean square, in steps of the center, and at most.
 
-    means (n,) samples; most (n,) metres.
+    means (K,) samples; most (K,) metres.
 
     centers (K, N, 3); places (P,): where along its center each point lies, in samples.
     """
     n = centers.shape[1]
-    for a in numba.prange(len(chosen)):
-        center = centers[chosen[a]]
+    for k in numba.prange(len(centers)):
+        center = centers[k]
         total = length = farthest = 0.0
         count = 0
         for i in range(1, n):
@@ -93,16 +93,16 @@ def measure_widths(
             for c in range(3):
                 square += (np.float64(center[i, c]) - center[i - 1, c]) ** 2
             length += sqrt(square)
-        for m in range(starts[chosen[a]], starts[chosen[a] + 1]):
+        for m in range(starts[k], starts[k + 1]):
             for p in range(offsets[members[m]], offsets[members[m] + 1]):
-                k = min(int(places[p]), n - 2)
-                t = places[p] - k
+                i = min(int(places[p]), n - 2)
+                t = places[p] - i
                 square = 0.0
                 for c in range(3):
-                    square += (points[p, c] - (1.0 - t) * center[k, c] - t * center[k + 1, c]) ** 2
+                    square += (points[p, c] - (1.0 - t) * center[i, c] - t * center[i + 1, c]) ** 2
                 total += square
                 farthest = max(farthest, square)
                 count += 1
         step = length / (n - 1)
-        means[a] = sqrt(total / max(count, 1)) / step if step > 0.0 else 0.0
-        most[a] = sqrt(farthest)
+        means[k] = sqrt(total / max(count, 1)) / step if step > 0.0 else 0.0
+        most[k] = sqrt(farthest)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..kernels import device, parallel_kernel
 from ..types import Float32, Float64, Int32
-from ._deformation_kernels import slide_out, walk
+from ._deformation_kernels import arc_lengths, slide_out, walk
 from ._rotation_kernels import multiply, rotate
 
 _CHUNKS = 64  # of the strands that are carried, each with its own working space
@@ -290,15 +290,11 @@ def set_lengths(
         if count < 2:
             continue
         curve = np.empty((count, 3))
-        reached = np.zeros(count)
+        reached = np.empty(count)
         for i in range(count):
             for c in range(3):
                 curve[i, c] = rest_points[first + i, c]
-            if i > 0:
-                square = 0.0
-                for c in range(3):
-                    square += (curve[i, c] - curve[i - 1, c]) ** 2
-                reached[i] = reached[i - 1] + sqrt(square)
+        arc_lengths(curve, reached)
         axis = np.empty(3)
         _tip_normal(curve, reached, axis)
         length = reached[count - 1]

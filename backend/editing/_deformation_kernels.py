@@ -192,7 +192,7 @@ def relax(
 
 
 @device
-def _arcs(points: Any, reached: Any) -> None:
+def arc_lengths(points: Any, reached: Any) -> None:
     """reached (n,): arc lengths of the points of a polyline (n, 3)."""
     reached[0] = 0.0
     for i in range(1, points.shape[0]):
@@ -210,8 +210,8 @@ def _slide_along(path: Any, rest: Any, slid: Any, now: Any, before: Any) -> None
     the path ends too early the strand goes on in its own shape.
     """
     n = path.shape[0]
-    _arcs(path, now)
-    _arcs(rest, before)
+    arc_lengths(path, now)
+    arc_lengths(rest, before)
     half = max(1, (n - 1) // _WINDOWS // 2)
     place = 0.0
     end = -1

@@ -98,10 +98,7 @@ def wisp_spheres(points: Float32, offsets: Int32, binding: Binding, chosen: Int3
 def wisp_widths(points: Float32, offsets: Int32, binding: Binding) -> tuple[Float64, Float64]:
     """How far the hair of each center is from it: (K,) root mean square, in samples, and (K,) at most, metres."""
     means, most = np.empty(binding.n_centers), np.empty(binding.n_centers)
-    everything = np.arange(binding.n_centers, dtype=np.int32)
-    measure_widths(
-        points, offsets, binding.members, binding.starts, binding.places, binding.centers, everything, means, most
-    )
+    measure_widths(points, offsets, binding.members, binding.starts, binding.places, binding.centers, means, most)
     return means, most
 
 

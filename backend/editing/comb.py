@@ -121,9 +121,8 @@ class CombSession:
 
 @dataclass(slots=True)
 class _Active:
-    """The centers that the stroke has moved or may move: numbers (A,), rest, points (A, N, 3), turns (A, N - 1, 4)."""
+    """The centers that the stroke has moved or may move: rest, points (A, N, 3), turns (A, N - 1, 4)."""
 
-    numbers: Int32
     rest: Float64
     points: Float64
     turns: Float64
@@ -158,7 +157,7 @@ class _Running:
         self._slots = np.full(binding.n_centers, -1, np.int32)
         shape = (0, n_samples, 3)
         nothing = np.zeros(shape)
-        self._active = _Active(np.zeros(0, np.int32), nothing, nothing, np.zeros((0, n_samples - 1, 4)))
+        self._active = _Active(nothing, nothing, np.zeros((0, n_samples - 1, 4)))
 
     def move(self, x: float, y: float, pressure: float) -> bool:
         start = np.array(self.samples[-1][:2]) if self.samples else None
@@ -183,9 +182,9 @@ class _Running:
             return False
         if self.stroke.params.mode == "length":
             return self._change_lengths(grips, pixels, strength)
-        self._activate(grips.numbers)
+        live = self._activate(grips.numbers)
         if self.stroke.params.mode in ("comb", "lift"):
-            return self._pull(grips, place, pixels, strength)
+            return self._pull(grips, live, place, pixels, strength)
         return self._turn(grips, pixels, radius, strength)
 
     def _touch(self, place: Float64, radius: float) -> Grips:
@@ -239,8 +238,8 @@ class _Running:
         kept = touched.any(axis=1)
         return chosen[kept], touched[kept]
 
-    def _activate(self, numbers: Int32) -> None:
-        """Take centers, and the rings around them that may be dragged along, into the active ones."""
+    def _activate(self, numbers: Int32) -> Int32:
+        """Take centers, and the two rings around them that may be dragged along, into the active ones; returns them."""
         wanted = numbers
         if self._graph is not None:
             for _ in range(2):
@@ -249,26 +248,21 @@ class _Running:
                 wanted = wanted[self._allowed[wanted]]
         new = wanted[self._slots[wanted] < 0]
         if len(new) == 0:
-            return
+            return wanted
         active, centers = self._active, self._binding.centers[new].astype(np.float64)
         turns = np.zeros((*centers.shape[:1], centers.shape[1] - 1, 4))
         turns[:, :, 0] = 1.0
-        self._slots[new] = len(active.numbers) + np.arange(len(new), dtype=np.int32)
+        self._slots[new] = len(active.rest) + np.arange(len(new), dtype=np.int32)
         self._active = _Active(
-            np.concatenate([active.numbers, new]),
             np.concatenate([active.rest, centers]),
             np.concatenate([active.points, centers]),
             np.concatenate([active.turns, turns]),
         )
+        return wanted
 
-    def _pull(self, grips: Grips, place: Float64, pixels: Float64, strength: float) -> bool:
-        """Comb and lift: handles pull, and the centers are deformed."""
+    def _pull(self, grips: Grips, live: Int32, place: Float64, pixels: Float64, strength: float) -> bool:
+        """Comb and lift: handles pull, and the centers are deformed; the live centers (L,) take part."""
         params = self.stroke.params
-        live = grips.numbers
-        if self._graph is not None:
-            for _ in range(2):
-                live = np.unique(np.concatenate([live, _beside(self._graph, live)]))
-            live = live[self._slots[live] >= 0]
         before = self._active.points[self._slots[live]]
         self._deform(grips, live, place, pixels, strength, DeformParams(drag=params.drag))
         if params.mode == "comb":

@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..errors import require
 from ..geometry.root_graph import RootGraph
@@ -129,19 +130,4 @@ def _common_turn(points: Float64, weights: Float64, targets: Float64) -> Float64
     before, after = before - (share * before).sum(axis=0), after - (share * after).sum(axis=0)
     u, _, vt = np.linalg.svd((share * after).T @ before)
     matrix = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    return _quaternion(matrix)
-
-
-def _quaternion(matrix: Float64) -> Float64:
-    """(4,) unit quaternion of a rotation matrix: the eigenvector of Davenport's matrix."""
-    m = matrix
-    davenport = np.array(
-        [
-            [m[0, 0] + m[1, 1] + m[2, 2], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
-            [m[2, 1] - m[1, 2], m[0, 0] - m[1, 1] - m[2, 2], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]],
-            [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], m[1, 1] - m[0, 0] - m[2, 2], m[1, 2] + m[2, 1]],
-            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], m[2, 2] - m[0, 0] - m[1, 1]],
-        ]
-    )
-    largest = np.linalg.eigh(davenport)[1][:, -1]
-    return np.asarray(largest if largest[0] >= 0 else -largest)
+    return np.asarray(Rotation.from_matrix(matrix).as_quat(canonical=True, scalar_first=True))

@@ -120,7 +120,8 @@ def pull(
             move, sample = _comb_moves(
                 contacts, number, grips.numbers[touched], held[touched], view, place, drag, params.slip, firmness
             )
-        shape = _around(sample, shape)
+        # one sample alone: a strand that were held along the whole brush could not turn in it and would fold at its rim
+        shape *= np.arange(shape.shape[1]) == sample[:, None]
         total[touched] += shape[:, :, None] * move
         weight[touched] += shape
     # where the brush and its mirror image hold the same hair, they share it
@@ -137,15 +138,6 @@ def _middles(shape: Float64) -> Int64:
     firmest = shape >= shape.max(axis=1, initial=0.0)[:, None]
     index = np.arange(shape.shape[1])
     return np.asarray(np.rint((firmest * index).sum(axis=1) / np.maximum(firmest.sum(axis=1), 1)), np.int64)
-
-
-def _around(samples: Int64, shape: Float64) -> Float64:
-    """Holds (n, N) of one sample each, as firm as `shape` (n, N) says, weak beside it.
-
-    A strand that were held along the whole brush could not turn in it and would fold at its rim.
-    """
-    away = np.abs(np.arange(shape.shape[1]) - samples[:, None])
-    return np.asarray(shape * np.where(away == 0, 1.0, 0.0))
 
 
 def _comb_moves(
@@ -205,7 +197,7 @@ def turn_step(
         side = np.sign(signs.sum(axis=0) + 0.5)
         angles = angle * side[:, None] * np.maximum.accumulate(hold, axis=1)
         axes = _directions(held, 2 * _TANGENT_SAMPLES)[:, :-1]
-        turns = np.concatenate([np.cos(angles / 2)[:, :, None], np.sin(angles / 2)[:, :, None] * axes], axis=2)
+        turns = _quaternions(axes, angles)
     else:
         share = np.minimum(float(np.linalg.norm(drag)) * strength, 1.0) * 0.5 * hold
         turns = _towards(edges, _smoothed(edges, grips.numbers, points, slots, neighbours), share)
@@ -251,6 +243,11 @@ def _towards(edges: Float64, wanted: Float64, share: Float64) -> Float64:
     before, after = _unit(edges), _unit(wanted)
     axes = _unit(np.cross(before, after))
     angles = share * np.arccos(np.clip((before * after).sum(axis=2), -1.0, 1.0))
+    return _quaternions(axes, angles)
+
+
+def _quaternions(axes: Float64, angles: Float64) -> Float64:
+    """(n, M, 4) turns by angles (n, M), radians, about unit axes (n, M, 3)."""
     return np.asarray(np.concatenate([np.cos(angles / 2)[:, :, None], np.sin(angles / 2)[:, :, None] * axes], axis=2))
 
 
