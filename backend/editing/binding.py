@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import require
+from ..geometry._grouping_kernels import list_members
 from ..geometry.root_graph import RootGraph, connect_roots
 from ..geometry.strands import resample_smooth
 from ..types import Float32, Float64, Int32, StrandSet
@@ -54,7 +55,7 @@ def bind_strands(strands: StrandSet, labels: Int32 | None, n_points: int) -> Bin
             f"there are wisps for {len(labels)} strands but the groom has {strands.n_strands}; run Cluster Wisps again",
         )
         compact = np.unique(labels, return_inverse=True)[1].reshape(-1).astype(np.int32)
-    members, starts = rows_of(compact)
+    starts, members = list_members(compact, int(compact.max(initial=-1)) + 1)
     if labels is None:
         centers = samples
     else:
@@ -79,13 +80,6 @@ def wisp_labels(strands: StrandSet) -> tuple[Int32, ...]:
             f"'{name}' must be one whole number for each strand, not {labels.dtype} of shape {labels.shape}",
         )
         found.append(np.asarray(labels, dtype=np.int32))
-
-
-def rows_of(labels: Int32) -> tuple[Int32, Int32]:
-    """The members of each label in rows: strands (S,), starts (K + 1,); every label of 0 .. max occurs."""
-    members = np.argsort(labels, kind="stable").astype(np.int32)
-    starts = np.searchsorted(labels[members], np.arange(int(labels.max(initial=-1)) + 2)).astype(np.int32)
-    return members, starts
 
 
 def wisp_spheres(points: Float32, offsets: Int32, binding: Binding, chosen: Int32) -> Float64:

@@ -16,9 +16,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import require
+from ..geometry._grouping_kernels import list_members
 from ..geometry.frames import transport_frames
 from ..geometry.strands import from_dense, resample, resample_smooth, strand_lengths, strand_of_point, subdivide
 from ..types import Bools, Float32, Float64, Floats, Int32, StrandSet
+from ._binding_kernels import average_members
 from ._flow_kernels import bind_points, lay_strands, measure_marks, place_strands
 
 UNBOUND = 0  # the id of a strand that belongs to no flow strand
@@ -318,11 +320,10 @@ def _measure(points: Float32, offsets: Int32) -> Marks:
 
 def _means(dense: Float32, flow_of: Int32) -> Float32:
     """(K, N, 3) float32: the mean strand of each wisp of dense strands (S, N, 3)."""
-    order = np.argsort(flow_of, kind="stable")
-    counts = np.bincount(flow_of)
-    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    sums = np.add.reduceat(dense[order].astype(np.float64), starts, axis=0)
-    return np.asarray(sums / counts[:, None, None], dtype=np.float32)
+    starts, members = list_members(flow_of, int(flow_of.max()) + 1)
+    means = np.empty((len(starts) - 1, *dense.shape[1:]), np.float32)
+    average_members(dense, members, starts, means)
+    return means
 
 
 def _widths(distances: Float64, flow_of_point: Int32, lengths: Float64) -> Float32:

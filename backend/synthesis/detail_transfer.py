@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..errors import require
+from ..geometry._grouping_kernels import list_members
 from ..geometry.strands import polyline_lengths
 from ..progress import NO_PROGRESS, Progress
 from ..types import Float32, Float64, Int32, RootedStrands, WispHierarchy
@@ -244,8 +245,7 @@ def _choose_donors(
     centers: RootedStrands, own: _Wisps, onto: _Along, other: _Wisps, along: _Along, matches: Int32, n_donors: int
 ) -> tuple[Int32, Float32]:
     """The members of the matched wisps with the most similar root displacements (W-24), (S, D), and their distances."""
-    members = np.argsort(other.labels, kind="stable").astype(np.int32)
-    starts = np.searchsorted(other.labels[members], np.arange(other.centers.n_strands + 1)).astype(np.int32)
+    starts, members = list_members(other.labels, other.centers.n_strands)
     require((np.diff(starts) > 0).all(), "a wisp of the detail hairstyle has no strands; cluster it again")
     found: tuple[Int32, Float32] = find_donors(
         root_offsets(own.strands.roots, own.labels, centers, onto.root_frames),

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import require
+from ..geometry._grouping_kernels import list_members
 from ..io.bundle import read_bundle, write_bundle
 from ..io.files import damaged, read_file
 from ..io.npz import read_arrays
@@ -68,8 +69,7 @@ def _spread(strands: RootedStrands, wisps: Int32, kept_wisps: Bools, n_strands: 
     # what rounding down left over goes to the largest remainders
     left = spare - int((quotas - firsts).sum())
     quotas[np.argsort(np.floor(shares) - shares, kind="stable")[:left]] += 1
-    members = np.argsort(wisps, kind="stable").astype(np.int32)
-    starts = np.searchsorted(wisps[members], np.arange(len(sizes) + 1)).astype(np.int32)
+    starts, members = list_members(wisps, len(sizes))
     chosen: Bools = spread_over_wisps(strands.roots, members, starts, quotas)
     return chosen
 

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..errors import require
+from ..geometry._grouping_kernels import list_members
 from ..geometry.frames import transport_frames
 from ..types import Float32, Int32, RootedStrands, WispHierarchy
 from ._transfer_kernels import find_donors, transfer_displacements
@@ -154,8 +155,7 @@ def transfer_details(
     require(wisps.shape == (roots.n_strands,), "wisps must name a center for every output strand")
     matches = match_wisps(centers, coarse, params.n_features)
     in_frames, out_frames = align_frames(coarse)[0], align_frames(centers)[0]
-    members = np.argsort(in_wisps, kind="stable").astype(np.int32)
-    starts = np.searchsorted(in_wisps[members], np.arange(coarse.n_strands + 1)).astype(np.int32)
+    starts, members = list_members(in_wisps, coarse.n_strands)
     require((np.diff(starts) > 0).all(), f"a wisp of the example's level {level} has no strands; cluster it again")
     donors, distances = find_donors(
         root_offsets(roots.roots, wisps, centers, out_frames),

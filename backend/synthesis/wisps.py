@@ -21,11 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import require
+from ..geometry._grouping_kernels import list_members
 from ..geometry.root_graph import RootGraph, connect_roots, spatial_order, to_rows
 from ..progress import NO_PROGRESS, Progress, subrange
 from ..types import Bools, Float32, Float64, Int32, RootedStrands
 from ._merge_kernels import merge_wisps
-from ._wisp_kernels import fit_wisps, grow_wisps, list_members, pick_split_seeds, wisps_beside
+from ._wisp_kernels import fit_wisps, grow_wisps, pick_split_seeds, wisps_beside
 
 _PAPER_POINTS = 64  # the paper's error threshold is a sum over this many points of a strand
 _LARGEST_COORDINATE = 1e6  # head radii; squares of larger ones would lose their meaning in float32

@@ -9,9 +9,10 @@ import numba
 import numpy as np
 import pytest
 from hairloom.errors import Cancelled, InputError
+from hairloom.geometry._grouping_kernels import list_members
 from hairloom.geometry.root_graph import connect_roots, spatial_order, to_rows
 from hairloom.synthesis._merge_kernels import merge_wisps
-from hairloom.synthesis._wisp_kernels import fit_wisps, grow_wisps, list_members, pick_split_seeds
+from hairloom.synthesis._wisp_kernels import fit_wisps, grow_wisps, pick_split_seeds
 from hairloom.synthesis.wisps import WispParams, WispSet, cluster_wisps
 from hairloom.types import RootedStrands
 from wisp_hair import check_wisps, largest_error, noisy_hair, rooted, same_partition, separate_wisps
