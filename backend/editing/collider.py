@@ -1,14 +1,15 @@
 """What hair must stay out of: the signed distance of the head and other solid meshes, on a grid (W-U5).
 
-Exact (libigl) at the nodes of the cells around the surface; farther away, where only far and the way out matter, it is
-interpolated from every fourth node. Inside is where the mesh winds around a node more than half a time: as in
-HeadSurface, but the lids that close open boundaries are part of the surface here, so that the distance is continuous
-and hair cannot come in from below a bust.
+Exact (libigl) at the nodes of the cells around the surface, and lowered where a cell's middle shows that a thin wall
+(an ear) or an edge in it would be missed between them: hair had better stay off a little than go in. Farther away,
+where only far and the way out matter, it is interpolated from every fourth node. Inside is where the mesh winds around
+a node more than half a time: as in HeadSurface, but the lids that close open boundaries are part of the surface here,
+so that the distance is continuous and hair cannot come in from below a bust.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import igl
@@ -19,18 +20,20 @@ from scipy import ndimage
 from ..errors import require
 from ..geometry.head import boundary_fans
 from ..geometry.scalp_region import weld
-from ..types import Float32, Float64, Floats, Head
+from ..types import Bools, Float32, Float64, Floats, Head
 from ._collider_kernels import FAR_OUTSIDE, mark_crossed_cells, sample_distances, sample_gradients
 
 __all__ = ["FAR_OUTSIDE", "Collider", "build_collider"]
 
 Indices = NDArray[np.int64]
+_Distances = Callable[[Float64], Float64]
 
 # Cells along the scalp, or along the whole box where no mesh has one: a scalp's distance is then 0.05 mm right.
 _CELLS_ALONG_SCALP = 80
 _REACH = 1.5  # of the scalp's size: how far from the roots hair is kept out of the meshes
 _CELLS_ALONG_BOX = 160
 _MARGIN = 4  # cells between the surface and the end of the grid; more than one, so that the outside is in the grid
+_SMOOTH = 0.04  # cells that a middle may be too far outside: smooth surfaces stay second-order exact
 _STRIDE = 4  # the nodes far from the surface are interpolated between every 4th
 # The default cell grows until the grid has so many nodes (0.5 s); a cell that is asked for may have more (80 MB).
 _USUAL_NODES = 3_000_000
@@ -266,7 +269,33 @@ def _signed_distance(solid: _Solid, origin: Float64, cell: float, shape: tuple[i
     np.maximum(distance, np.float32(cell), out=distance)
     distance.reshape(-1)[near] = near_distance
     distance *= sign
+    _lower_where_middles_are_deeper(distance, solid, unsigned, in_crossed_cell, origin, cell)
     return distance
+
+
+def _lower_where_middles_are_deeper(
+    distance: Float32, solid: _Solid, unsigned: _Distances, in_crossed_cell: Bools, origin: Float64, cell: float
+) -> None:
+    """Lower nodes (X, Y, Z) by as much as the middle of a cell near the surface lies deeper than its nodes say.
+
+    The middle of a thin wall is as far from a node on either side, so that its trilinear distance is outside.
+    """
+    of_cell = [tuple(slice(a, a - 1 or None) for a in corner) for corner in np.ndindex(2, 2, 2)]
+    cells = np.argwhere(np.logical_and.reduce([in_crossed_cell[corner] for corner in of_cell]))
+    corners = np.stack([distance[corner][tuple(cells.T)] for corner in of_cell], axis=1).astype(np.float64)
+    found, exact = corners.mean(axis=1), unsigned(cells + 0.5)
+    # the side of a node from which the line to the middle does not cross the surface; few have none, winding is dear
+    surest = np.abs(corners).argmax(axis=1)
+    side = np.sign(np.take_along_axis(corners, surest[:, None], axis=1)[:, 0])
+    unsure = np.abs(corners).max(axis=1) + exact <= np.sqrt(0.75) * cell
+    side[unsure] = np.where(solid.winding(origin + cell * (cells[unsure] + 0.5)) > 0.5, -1.0, 1.0)
+    too_far = (found - side * exact).astype(np.float32)
+    too_far[too_far < _SMOOTH * cell] = 0.0
+    lowering = np.zeros_like(distance)
+    for corner in of_cell:
+        nodes = lowering[corner]
+        np.maximum.at(nodes, tuple(cells.T), too_far)
+    distance -= lowering
 
 
 def _between(coarse: Float32) -> Float32:

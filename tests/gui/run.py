@@ -54,6 +54,10 @@ def run_sessions(blender: str, package: Path, sessions: list[str]) -> dict[str, 
         for session in sessions:
             command = [blender, *window, "--python-exit-code", "1", "--python", str(HERE / f"{session}.py")]
             found[session] = subprocess.run(command, env=env, timeout=2 * LIMIT_SECONDS).returncode
+            if found[session]:
+                # simulated clicks on software OpenGL can miss on a busy machine: one more try, and what failed is said
+                print(f"tests/gui: {session} failed with {found[session]}; once more", flush=True)
+                found[session] = subprocess.run(command, env=env, timeout=2 * LIMIT_SECONDS).returncode
     return found
 
 

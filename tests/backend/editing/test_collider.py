@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 import pytest
-from hairloom.editing.collider import FAR_OUTSIDE, build_collider
+from hairloom.editing.collider import FAR_OUTSIDE, build_collider, comb_collider
 from hairloom.errors import InputError
 from hairloom.geometry.head import HeadSurface, default_head, find_scalp, read_head, sphere_head, submesh
 from hairloom.io.strands import read_strands
@@ -124,10 +124,19 @@ def test_sign_of_thin_walls():
     found = build_collider([slanted], cell=0.003)
     nodes = found.origin + found.cell * np.argwhere(np.ones(found.distance.shape))
     expected = box_distance(nodes @ turn, np.array([-0.05, -0.05, -0.002]), np.array([0.05, 0.05, 0.002]))
-    clear = np.abs(expected) > 1e-6
-    assert (np.sign(found.distance.ravel()) == np.sign(expected))[clear].all()
-    near = np.abs(expected) < 0.5 * found.cell
-    np.testing.assert_allclose(found.distance.ravel()[near], expected[near], atol=1e-6)
+    distance = found.distance.ravel()
+    assert (distance[expected < -1e-6] < 0).all()
+    # nodes outside may be lowered for a cell whose middle is in the plate, by its half diagonal at most
+    assert (distance[expected > found.cell] > 0).all()
+    lowered = (expected - distance)[np.abs(expected) < 0.5 * found.cell]
+    assert lowered.min() > -1e-6 and lowered.max() < 0.87 * found.cell
+
+
+def test_the_middle_of_a_wall_thinner_than_a_cell_is_inside():
+    """The nodes on either side of it are outside, and so would be all that is interpolated between them."""
+    found = build_collider([box([-0.05, -0.05, -0.0004], [0.05, 0.05, 0.0004])], cell=0.003)
+    places = np.random.default_rng(4).uniform(-0.045, 0.045, (500, 3)) * [1, 1, 0]
+    assert (found.distance_at(places) < 0).all()
 
 
 def test_union_is_the_lesser_distance(sphere):
@@ -333,11 +342,30 @@ def test_default_head():
     assert around.mean() < 3e-4 and np.percentile(around, 99) < 1e-3
 
 
-def test_real_head(data_dir):
-    units = Units(1.0, "Y")
-    roots = read_strands(data_dir / "sintel" / "hair.tfx", units=units).roots
-    head = find_scalp(read_head(data_dir / "sintel" / "head.obj", units), roots)
-    near, around = scalp_errors(head, 0.001), scalp_errors(head, 0.01)
+@pytest.fixture(scope="module")
+def sintel(data_dir):
+    """Her head, and the roots (S, 3) of her hair."""
+    roots = read_strands(data_dir / "sintel" / "hair.tfx", units=Units(1.0, "Y")).roots
+    return find_scalp(read_head(data_dir / "sintel" / "head.obj", Units(1.0, "Y")), roots), roots
+
+
+def test_what_is_in_a_real_head_is_never_outside_for_the_comb(sintel):
+    """W-U5's limit of 0.5 mm: the thin rims of the ears are a cell thick, where interpolation alone misses them."""
+    head, roots = sintel
+    generator = np.random.default_rng(0)
+    corners = head.vertices[head.triangles].astype(float)
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    chosen = generator.choice(len(corners), 200_000, p=areas / areas.sum())
+    points = np.einsum("pc,pcx->px", generator.dirichlet([1, 1, 1], len(chosen)), corners[chosen])
+    points += generator.normal(0, 0.001, points.shape)
+    points = points[((points > roots.min(axis=0)) & (points < roots.max(axis=0))).all(axis=1)]
+    deep = points[HeadSurface(head).signed_distance(points) < -0.0005]
+    assert len(deep) > 5000
+    assert (comb_collider([head], roots).distance_at(deep) < 0).all()
+
+
+def test_real_head(sintel):
+    near, around = scalp_errors(sintel[0], 0.001), scalp_errors(sintel[0], 0.01)
     # the scalp of this hair reaches the ears, whose edges are as thin as a cell
     assert near.mean() < 5e-5 and np.percentile(near, 90) < 1e-4 and near.max() < 2e-3
     assert around.mean() < 4e-4 and np.percentile(around, 99) < 2e-3
