@@ -18,10 +18,10 @@ import numpy as np
 from tqdm import tqdm
 
 from .editing.binding import wisp_labels
-from .editing.collider import comb_collider
 from .editing.comb import comb
 from .editing.strokes import read_strokes
 from .errors import HairloomError, require
+from .geometry.collider import comb_collider
 from .geometry.head import default_head, find_scalp, read_head
 from .geometry.strands import strand_lengths
 from .io.bundle import write_bundle

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from .editing.collider import comb_collider
 from .editing.comb import comb
 from .editing.flow import FlowSession, extract_flow
 from .editing.object_space import return_to_object
 from .editing.strokes import MODES, CombParams, Stroke, View
 from .geometry.cleanup import clean_up
+from .geometry.collider import comb_collider
 from .geometry.head import default_head
 from .geometry.roots import scatter_roots
 from .geometry.scalp_space import fit_scalp_space, unroot_strands

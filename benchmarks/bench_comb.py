@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from hairloom.editing.collider import Collider, build_collider
 from hairloom.editing.comb import CombSession
 from hairloom.editing.strokes import CombParams, View
+from hairloom.geometry.collider import Collider, build_collider
 from hairloom.geometry.head import default_head
 from hairloom.synthesis.pipeline import analyze
 from hairloom.types import Float64, Int32, StrandSet

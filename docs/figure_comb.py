@@ -24,9 +24,9 @@ sys.path[:0] = [str(ROOT / "docs"), str(ROOT / "blend_templates"), str(ROOT / "t
 import bpy  # noqa: E402, F401  before the modules that it brings
 import numpy as np  # noqa: E402
 from comb_quality import composed_labels, detail_kept, drag, kept, look, play, strands_grip  # noqa: E402
-from hairloom.editing.collider import build_collider  # noqa: E402
 from hairloom.editing.comb import comb  # noqa: E402
 from hairloom.editing.strokes import CombParams, Stroke, View  # noqa: E402
+from hairloom.geometry.collider import build_collider  # noqa: E402
 from hairloom.geometry.head import HeadSurface, default_head  # noqa: E402
 from hairloom.synthesis.pipeline import analyze  # noqa: E402
 from hairloom.types import Float32, Head, Int32, StrandSet  # noqa: E402

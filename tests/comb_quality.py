@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from hairloom.editing.binding import bind_strands
 from hairloom.editing.brush import project
-from hairloom.editing.collider import Collider
 from hairloom.editing.comb import CombSession
 from hairloom.editing.grips import nearest_on
 from hairloom.editing.strokes import Stroke, View
+from hairloom.geometry.collider import Collider
 from hairloom.geometry.frames import transport_frames
 from hairloom.geometry.head import HeadSurface
 from hairloom.geometry.strands import resample, strand_lengths

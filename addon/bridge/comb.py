@@ -9,11 +9,11 @@ import bpy
 import numpy as np
 
 from .. import comb_cache
-from ..backend.editing.collider import Collider, comb_collider
 from ..backend.editing.comb import CombSession
 from ..backend.editing.object_space import return_to_object
 from ..backend.editing.strokes import CombParams, Stroke, View, comb_params, stroke_from_json, stroke_to_json
 from ..backend.errors import InputError, require
+from ..backend.geometry.collider import Collider, comb_collider
 from ..backend.types import Head, StrandSet
 from . import attributes, curves, mesh, wisps
 from .fingerprint import fingerprint

@@ -8,9 +8,9 @@ from typing import Any
 import numba
 import numpy as np
 
+from ..geometry._collider_kernels import sample_distance, sample_gradient
 from ..kernels import device, parallel_kernel
 from ..types import Float64, Int32
-from ._collider_kernels import sample_distance, sample_gradient
 from ._rotation_kernels import multiply, rotate, turn_between
 
 _DIRECTIONS = 512  # tried by `_escape`

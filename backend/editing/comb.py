@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import require
+from ..geometry.collider import Collider
 from ..geometry.root_graph import RootGraph
 from ..progress import NO_PROGRESS, Progress
 from ..types import Bools, Float32, Float64, Int32, StrandSet
 from ._brush_kernels import carry, front_depths, near_centers, set_lengths, touch, turn_on
 from .binding import Binding, bind_strands, neighbour_graph, outward_normals, wisp_spheres, wisp_widths
 from .brush import Projection, mirrored, near_brush, pressed, profile_weights, steps_between
-from .collider import Collider
 from .deformation import DeformParams, collider_arrays, deform
 from .grips import Contacts, Grips, pull, turn_step
 from .strokes import CombParams, Stroke, View

@@ -18,10 +18,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..errors import require
+from ..geometry.collider import Collider
 from ..geometry.root_graph import RootGraph
 from ..types import Float32, Float64, Floats, Int32
 from ._deformation_kernels import relax, settle
-from .collider import Collider
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from comb_quality import composed_labels, drag, kept, look
-from hairloom.editing.collider import build_collider
 from hairloom.editing.comb import CombSession, comb
 from hairloom.editing.strokes import CombParams, Stroke, View
 from hairloom.geometry.cleanup import clean_up
+from hairloom.geometry.collider import build_collider
 from hairloom.geometry.head import HeadSurface, find_scalp, read_head
 from hairloom.geometry.strands import select_strands, strand_lengths
 from hairloom.io.strands import read_strands

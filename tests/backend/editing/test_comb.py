@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from hairloom.editing.binding import bind_strands, neighbour_graph, wisp_labels
 from hairloom.editing.brush import mirrored, project
-from hairloom.editing.collider import comb_collider
 from hairloom.editing.comb import CombSession, comb
 from hairloom.editing.grips import nearest_on
 from hairloom.editing.strokes import CombParams, Stroke, View, stroke_from_json, stroke_to_json
 from hairloom.errors import Cancelled, InputError
+from hairloom.geometry.collider import comb_collider
 from hairloom.geometry.head import HeadSurface, sphere_head
 from hairloom.geometry.strands import from_dense
 from hairloom.types import StrandSet

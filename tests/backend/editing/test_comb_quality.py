@@ -22,8 +22,8 @@ from comb_quality import (
     straightened,
     ways,
 )
-from hairloom.editing.collider import Collider, build_collider
 from hairloom.editing.strokes import CombParams, Stroke, View
+from hairloom.geometry.collider import Collider, build_collider
 from hairloom.geometry.head import HeadSurface, default_head
 from hairloom.geometry.strands import from_dense
 from hairloom.synthesis.pipeline import analyze

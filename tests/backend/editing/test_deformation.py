@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hairloom.editing._deformation_kernels import FREE_WEIGHT
-from hairloom.editing.collider import build_collider
 from hairloom.editing.deformation import DeformParams, deform
 from hairloom.errors import InputError
+from hairloom.geometry.collider import build_collider
 from hairloom.geometry.head import sphere_head
 from hairloom.geometry.root_graph import RootGraph, connect_roots
 from scipy.spatial.transform import Rotation

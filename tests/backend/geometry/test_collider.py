@@ -3,8 +3,8 @@
 import numba
 import numpy as np
 import pytest
-from hairloom.editing.collider import FAR_OUTSIDE, build_collider, comb_collider
 from hairloom.errors import InputError
+from hairloom.geometry.collider import FAR_OUTSIDE, build_collider, comb_collider
 from hairloom.geometry.head import HeadSurface, default_head, find_scalp, read_head, sphere_head, submesh
 from hairloom.io.strands import read_strands
 from hairloom.io.units import Units

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ..errors import require
-from ..geometry.head import boundary_fans
-from ..geometry.scalp_region import weld
 from ..types import Bools, Float32, Float64, Floats, Head
 from ._collider_kernels import FAR_OUTSIDE, mark_crossed_cells, sample_distances, sample_gradients
+from .head import boundary_fans
+from .scalp_region import weld
 
 __all__ = ["FAR_OUTSIDE", "Collider", "build_collider"]
 
