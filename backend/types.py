@@ -23,7 +23,7 @@ Bools = NDArray[np.bool_]
 AttributeArrays = Mapping[str, NDArray[Any]]
 
 
-def _check(name: str, array: object, dtype: type, shape: tuple[int | None, ...]) -> None:
+def check_array(name: str, array: object, dtype: type, shape: tuple[int | None, ...]) -> None:
     require(isinstance(array, np.ndarray), f"{name} must be a numpy array, not {type(array).__name__}")
     assert isinstance(array, np.ndarray)
     require(array.dtype == dtype, f"{name} must be {np.dtype(dtype)}, not {array.dtype}")
@@ -48,8 +48,8 @@ class StrandSet:
     strand_attributes: AttributeArrays = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _check("points", self.points, np.float32, (None, 3))
-        _check("offsets", self.offsets, np.int32, (None,))
+        check_array("points", self.points, np.float32, (None, 3))
+        check_array("offsets", self.offsets, np.int32, (None,))
         require(len(self.offsets) >= 1 and self.offsets[0] == 0, "offsets must start with 0")
         require(self.offsets[-1] == len(self.points), "the last offset must be the number of points")
         require((np.diff(self.offsets) > 0).all(), "every strand must have a point")
@@ -89,10 +89,10 @@ class Head:
     corner_uv: Float32
 
     def __post_init__(self) -> None:
-        _check("vertices", self.vertices, np.float32, (None, 3))
-        _check("triangles", self.triangles, np.int32, (None, 3))
-        _check("scalp", self.scalp, np.bool_, (len(self.triangles),))
-        _check("corner_uv", self.corner_uv, np.float32, (len(self.triangles), 3, 2))
+        check_array("vertices", self.vertices, np.float32, (None, 3))
+        check_array("triangles", self.triangles, np.int32, (None, 3))
+        check_array("scalp", self.scalp, np.bool_, (len(self.triangles),))
+        check_array("corner_uv", self.corner_uv, np.float32, (len(self.triangles), 3, 2))
         require(len(self.triangles) > 0, "the head has no faces; choose a mesh with faces")
         inside = (self.triangles >= 0) & (self.triangles < len(self.vertices))
         require(inside.all(), "a triangle of the head names a vertex that does not exist")
@@ -115,10 +115,10 @@ class RootedStrands:
 
     def __post_init__(self) -> None:
         count = len(self.roots)
-        _check("roots", self.roots, np.float32, (None, 3))
-        _check("frames", self.frames, np.float32, (count, 3, 3))
-        _check("uv", self.uv, np.float32, (count, 2))
-        _check("points", self.points, np.float32, (count, None, 3))
+        check_array("roots", self.roots, np.float32, (None, 3))
+        check_array("frames", self.frames, np.float32, (count, 3, 3))
+        check_array("uv", self.uv, np.float32, (count, 2))
+        check_array("points", self.points, np.float32, (count, None, 3))
 
     @property
     def n_strands(self) -> int:
@@ -154,7 +154,7 @@ class WispHierarchy:
         require(len(self.levels) >= 1, "a wisp hierarchy needs a level")
         require(len(self.labels) == len(self.levels) - 1, "a wisp hierarchy needs labels for all levels but the last")
         for fine, coarse, labels in zip(self.levels, self.levels[1:], self.labels):
-            _check("labels", labels, np.int32, (fine.n_strands,))
+            check_array("labels", labels, np.int32, (fine.n_strands,))
             require(labels.min() >= 0 and labels.max() < coarse.n_strands, "a label names a wisp that does not exist")
 
     @property
@@ -177,7 +177,7 @@ class FeatureMap:
     spacing: float
 
     def __post_init__(self) -> None:
-        _check("values", self.values, np.float32, (None, None, None))
-        _check("mask", self.mask, np.bool_, self.values.shape[:2])
-        _check("origin", self.origin, np.float64, (2,))
+        check_array("values", self.values, np.float32, (None, None, None))
+        check_array("mask", self.mask, np.bool_, self.values.shape[:2])
+        check_array("origin", self.origin, np.float64, (2,))
         require(self.spacing > 0, f"the map spacing is {self.spacing}; it must be above 0")
