@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import require
-from ..types import Float32, Float64, Int32
+from ..types import Float32, Float64, Int32, check_array
+
+KINDS = ("wind", "force", "vortex", "turbulence")
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,26 +26,47 @@ class CollisionMesh:
     matrices: Float64
     friction: float = 0.3
 
+    def __post_init__(self) -> None:
+        check_array("triangles", self.triangles, np.int32, (None, 3))
+        check_array("matrices", self.matrices, np.float64, (None, 4, 4))
+        shape = (len(self.matrices), None, 3) if self.is_deforming else (None, 3)
+        check_array("vertices", self.vertices, np.float32, shape)
+        inside = (self.triangles >= 0) & (self.triangles < self.vertices.shape[-2])
+        require(bool(inside.all()), "a triangle of a collider names a vertex that does not exist")
+        require(self.friction >= 0, f"a collider's friction is {self.friction:g}; it must be 0 or more")
+
+    @property
+    def is_deforming(self) -> bool:
+        return self.vertices.ndim == 3
+
 
 @dataclass(frozen=True, slots=True)
 class ForceField:
-    """One of Blender's force fields: kind 'wind', 'force', 'vortex', 'turbulence' or 'drag'.
+    """One of Blender's force fields, read as moving air: `kind` is one of KINDS.
 
-    matrices : (F, 4, 4) float64, to world. strength, flow, noise : (F,) float64, as in Blender's panel.
-    falloff_power, distance_min, distance_max : Blender's falloff; distance_max 0 has no end. size : of turbulence, m.
-    seed : of the noise.
+    matrices : (F, 4, 4) float64, to world; wind blows along the local z axis, a vortex turns about it.
+    strength : (F,) float64, m/s of the air. noise : (F,) float64, gusts as a share of the strength.
+    falloff_power, distance_min, distance_max : as in Blender's panel, m; distance_max 0 has no end.
+    size : m, of the eddies of turbulence. seed : of the noise.
     """
 
     kind: str
     matrices: Float64
     strength: Float64
-    flow: Float64
     noise: Float64
     falloff_power: float = 0.0
     distance_min: float = 0.0
     distance_max: float = 0.0
     size: float = 0.1
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        require(self.kind in KINDS, f"a force field of kind '{self.kind}' is not known; use {', '.join(KINDS)}")
+        check_array("matrices", self.matrices, np.float64, (None, 4, 4))
+        check_array("strength", self.strength, np.float64, (len(self.matrices),))
+        check_array("noise", self.noise, np.float64, (len(self.matrices),))
+        require(self.size > 0, f"the size of a turbulence is {self.size:g} m; it must be above 0")
+        require(0 <= self.distance_min < np.inf, f"distance_min is {self.distance_min:g} m; it must be 0 or more")
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +90,18 @@ class Scene:
 
     def __post_init__(self) -> None:
         require(np.isfinite(self.fps) and self.fps > 0, f"fps is {self.fps:g}; it must be above 0")
-        require(self.motion.ndim == 3 and self.motion.shape[1:] == (4, 4), "motion must have shape (F, 4, 4)")
+        check_array("motion", self.motion, np.float64, (None, 4, 4))
+        check_array("gravity", self.gravity, np.float64, (3,))
         require(len(self.motion) >= 1, "the scene has no frames")
+        check_array("root_motion", self.root_motion, np.float64, (None, None, 3, 4))
+        require(
+            len(self.root_motion) in (0, self.n_frames), "root_motion must have a transform for each frame, or none"
+        )
+        for name, moving in (("collider", self.colliders), ("force field", self.fields)):
+            require(
+                all(len(one.matrices) == self.n_frames for one in moving),
+                f"a {name} has another number of frames than the scene's {self.n_frames}",
+            )
 
     @property
     def n_frames(self) -> int:
