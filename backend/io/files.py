@@ -47,7 +47,7 @@ def read_file(path: Path) -> bytes:
             raise FileError(f"cannot read {path}: it is not an ordinary file")
         return path.read_bytes()
     except OSError as error:
-        raise FileError(f"cannot read {path}: {_reason(error)}") from error
+        raise FileError(f"cannot read {path}: {reason_of(error)}") from error
     except MemoryError as error:
         raise FileError(f"cannot read {path}: it does not fit in memory") from error
 
@@ -85,7 +85,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
         os.replace(temporary, target)
         temporary = None
     except OSError as error:
-        raise FileError(f"cannot write {target}: {_reason(error)}; choose another place") from error
+        raise FileError(f"cannot write {target}: {reason_of(error)}; choose another place") from error
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
@@ -106,5 +106,6 @@ def _open_beside(target: Path) -> tuple[Path, IO[bytes]]:
     raise FileError(f"cannot write {target}: its folder is full of old .part files; delete them")
 
 
-def _reason(error: OSError) -> str:
+def reason_of(error: OSError) -> str:
+    """Why the system refused, in words for the user."""
     return _REASONS.get(error.errno or 0, error.strerror or str(error))
