@@ -36,6 +36,7 @@ TYPES: Mapping[str, str] = {
     "ScalpSpace": "..geometry.scalp_space",
     "WispSet": "..synthesis.wisps",
     "FeatureBasis": "..synthesis.features",
+    "Followers": "..rods.interpolation",
 }
 
 Arrays = dict[str, NDArray[Any]]
