@@ -76,8 +76,8 @@ def move_strands(
 ) -> None:
     """out (P, 3): every point moved by the blend of its guides' motions, linear between the samples (B-27).
 
-    places (P,) : samples of a guide that a point is from its root. root_motions (S, 12), (1, 12) for all, or (0, 12) for
-    none: where the surface carries a root; a point takes root_shares (P,) of the difference, so that roots are there.
+    places (P,) : samples of a guide that a point is from its root. root_motions (S, 12), (1, 12) for all, or (0, 12)
+    for none: where the surface carries a root; a point takes root_shares (P,) of the difference, so roots are there.
     """
     n_strands = len(offsets) - 1
     n_samples = motions.shape[1]

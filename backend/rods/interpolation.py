@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ..errors import require
+from ..geometry.collider import Collider
 from ..geometry.strands import arc_lengths, resample, strand_lengths
 from ..types import Float32, Float64, Floats, Int32, StrandSet, check_array
 from ._interpolation_kernels import guide_motions, move_strands
+from ._keep_out_kernels import deepen, push_out
 from .helices import Helices, evaluate
 
 _NEAREST = 1e-6  # m: distances are not told apart below that
@@ -215,6 +219,55 @@ def interpolate(
     )
 
 
+class PlacedCollider(Protocol):
+    """What the hair is kept out of: a signed distance in a space of its own, and the rigid matrix out of that space."""
+
+    @property
+    def collider(self) -> Collider: ...
+
+    @property
+    def matrix(self) -> Float64: ...
+
+
+def rest_depths(followers: Followers, solids: Sequence[PlacedCollider]) -> Float32:
+    """(P,) float32, metres: how deep in the solids each point is at rest, 0 outside; `keep_out` allows for it."""
+    depths = np.zeros(len(followers.points), np.float32)
+    for solid in solids:
+        collider = solid.collider
+        inverse = np.linalg.inv(solid.matrix)
+        deepen(followers.points, collider.distance, collider.origin, collider.cell, inverse, depths)
+    return depths
+
+
+def keep_out(
+    followers: Followers, points: Float32, solids: Sequence[PlacedCollider], depths: Float32 | None = None
+) -> None:
+    """Push hair out of solids, in place: the head correction of the followers (B-27, M-27).
+
+    A point that is deeper than at rest goes out along the distance's gradient, and the hair around it goes along,
+    smoothly less over a few centimetres. Roots stay. Solids are taken in turn.
+
+    Parameters
+    ----------
+    points : (P, 3) float32, C order, the hair now, in the space of the solids' matrices; written to.
+    depths : (P,) float32, metres, as `rest_depths` gives; None: no point was inside at rest.
+
+    Raises
+    ------
+    InputError : arrays that do not fit the followers.
+    """
+    check_array("points", points, np.float32, followers.points.shape)
+    require(points.flags.c_contiguous, "points must be in C order")
+    allowed = np.zeros(len(points), np.float32) if depths is None else depths
+    check_array("depths", allowed, np.float32, (len(points),))
+    for solid in solids:
+        collider = solid.collider
+        matrix, inverse = np.ascontiguousarray(solid.matrix, np.float64), np.linalg.inv(solid.matrix)
+        push_out(
+            points, followers.offsets, allowed, collider.distance, collider.origin, collider.cell, matrix, inverse
+        )  # fmt: skip
+
+
 def motions_of_guides(followers: Followers, points: Float64, frames: Float64) -> tuple[Float32, Float64]:
     """(G, M, 12) float32: what the guides do to the hair, as the kernels want it; and the centre (3,) it is about."""
     # a centre that float32 holds exactly: the hair's offsets from it are then those that the motions are for
@@ -241,7 +294,8 @@ def _root_motions(followers: Followers, roots: Floats | None, centre: Float64) -
     motions = roots[:1] if roots.strides[0] == 0 else roots  # a view that repeats one motion
     turned = motions[:, :, :3] - np.eye(3)
     moved = motions[:, :, 3] + turned @ centre
-    return np.concatenate([turned.transpose(0, 2, 1).reshape(-1, 9), moved], axis=1).astype(np.float32)
+    columns = turned.transpose(0, 2, 1).reshape(-1, 9)
+    return np.asarray(np.concatenate([columns, moved], axis=1), np.float32)
 
 
 def _root_shares(reached: Float64, reach: float) -> Float32:
