@@ -1,4 +1,4 @@
-"""The command line `hairloom`: info, convert, cluster, synthesize, comb, detail, transfer, bench, warm-up.
+"""The command line `hairloom`: info, convert, cluster, synthesize, comb, detail, transfer, fit-helices, bench, warm-up.
 
 Exit status: 0 done, 2 bad input (one line on standard error), 130 cancelled with Ctrl-C.
 """
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from .cli_rods import add_commands as add_rod_commands
 from .editing.binding import wisp_labels
 from .editing.comb import comb
 from .editing.strokes import read_strokes
@@ -359,6 +360,7 @@ def build_parser() -> argparse.ArgumentParser:
     synthesize.add_argument("--compare", action="store_true", help="report how alike and how new the result is")
     detail.add_argument("--strands", type=int, default=SMALL, help="strands a level; 0 keeps all")
     detail.add_argument("--name", help="name of the detail (default: that of the file)")
+    add_rod_commands(command, hair)
     bench = command("bench", _bench, "Measure the jobs beside their peers.")
     bench.add_argument("job", nargs="?", help="one job only")
     bench.add_argument("--quick", action="store_true", help="small sizes only, no peers")

@@ -29,6 +29,7 @@ class Job:
 JOBS: Mapping[str, Job] = {
     "clean_up": Job(".jobs.clean_up:run", ".geometry.cleanup:CleanUpParams"),
     "cluster_wisps": Job(".jobs.cluster_wisps:run", ".synthesis.pipeline:SynthesisParams"),
+    "fit_helices": Job(".jobs.fit_helices:run", ".rods.fitting:FitParams"),
     "make_guides": Job(".jobs.make_guides:run", ".rods.guides:GuideParams"),
     "save_detail": Job(".jobs.save_detail:run", ".jobs.save_detail:SaveDetailParams"),
     "synthesize": Job(".jobs.synthesize:run", ".synthesis.pipeline:SynthesisParams"),

@@ -15,6 +15,8 @@ from .geometry.roots import scatter_roots
 from .geometry.scalp_space import fit_scalp_space, unroot_strands
 from .kernels import KERNELS
 from .progress import NO_PROGRESS, Progress, subrange
+from .rods.fitting import fit_helices
+from .rods.helices import evaluate
 from .synthesis.detail_transfer import transfer_style
 from .synthesis.details import reduce_details
 from .synthesis.hierarchy import HierarchyParams
@@ -45,6 +47,8 @@ def compile_all(progress: Progress = NO_PROGRESS) -> int:
     session = FlowSession(strands, binding)
     session.update(flow)
     session.marks()
+    progress(0.97, "Compiling: rods")
+    evaluate(fit_helices(strands).helices, 2)
     progress(0.98, "Compiling: comb")
     _comb_in_all_modes(strands, head)
     return sum(bool(kernel.dispatcher.signatures) for kernel in KERNELS)

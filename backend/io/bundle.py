@@ -36,6 +36,8 @@ TYPES: Mapping[str, str] = {
     "ScalpSpace": "..geometry.scalp_space",
     "WispSet": "..synthesis.wisps",
     "FeatureBasis": "..synthesis.features",
+    "Helices": "..rods.helices",
+    "HelixFit": "..rods.fitting",
     "Followers": "..rods.interpolation",
 }
 

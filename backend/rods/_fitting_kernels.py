@@ -275,7 +275,7 @@ def _fit_pieces(strand: Any, spline: Any, n: int, pieces: Any, base: Any, length
 
 @device
 def _fit_stub(merged: Any, n_points: int, tangents: Any, base: Any, lengths: Any, curvatures: Any) -> float:
-    """A strand of next to no length: one straight element towards the tip, upwards if that is the root; its distance."""
+    """A strand of next to no length: one straight element to the tip, or up if that is the root; its distance."""
     square = 0.0
     for c in range(3):
         tangents[0, c] = merged[n_points - 1, c] - merged[0, c]
@@ -332,7 +332,8 @@ def fit_strands(
     """Fit the strands first..end. points (P, 3) float32, offsets (S + 1,).
 
     settings : n_min, n_max, n_fixed (0: adaptive), l_min, l_max.
-    Written, with strand s in row s - first: counts (n,) elements, 0 for a stub (its element is the first), frames (n, 3, 3) at the roots, lengths (n, M), curvatures (n, M, 3), errors (n, 2) RMS and maximum distance.
+    Written, with strand s in row s - first: counts (n,) elements, 0 for a stub (its element is the first),
+    frames (n, 3, 3) at the roots, lengths (n, M), curvatures (n, M, 3), errors (n, 2) RMS and maximum distance.
     """
     n_max = lengths.shape[1]
     for chunk in prange((end - first + _CHUNK - 1) // _CHUNK):

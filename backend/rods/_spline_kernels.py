@@ -213,7 +213,7 @@ def cut(
 
 @device
 def _take_direction(breaks: Any, tangents: Any, nodes: Any, n_segments: int, i: int) -> None:
-    """At a cusp, where the spline stands still: the tangent of the break point before, at the root that of the strand."""
+    """At a cusp, where the spline stands still: the tangent of the break point before, the strand's at the root."""
     square = 0.0
     for c in range(3):
         tangents[i, c] = tangents[i - 1, c] if i > 0 else nodes[2 * n_segments, c] - breaks[0, c]

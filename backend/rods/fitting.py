@@ -1,8 +1,8 @@
 """Adaptive floating tangents: strands to G1 chains of helices (Bao & Qi 2017, sec. V; B-17 to B-21, M-23).
 
-Per strand: a cubic C1 Bezier spline by least squares, a number of elements from its length and turning, break points at
-equal arc length, which move as little as lets each pair with its tangents lie on a helix, and that helix. The chain is
-then built from the root with the helices' Darboux vectors in the material frame, so that it is G1 whatever rounding does.
+Per strand: a cubic C1 Bezier spline by least squares, a number of elements from its length and turning, break points
+at equal arc length, moved as little as lets each pair with its tangents lie on a helix, and that helix. The chain is
+then built from the root with the helices' Darboux vectors in the material frame, so it is G1 whatever rounding does.
 """
 
 from __future__ import annotations
@@ -126,13 +126,13 @@ def fit_helices(
     frames = np.empty((count, 3, 3))
     lengths, curvatures = np.empty((min(count, _BATCH), width)), np.empty((min(count, _BATCH), width, 3))
     points = np.ascontiguousarray(strands.points)
-    settings = (params.n_min, params.n_max, params.n_elements, params.l_min, params.l_max)
+    settings = (params.n_min, params.n_max, params.n_elements, float(params.l_min), float(params.l_max))
     used_lengths, used_curvatures = [np.empty(0)], [np.empty((0, 3))]
     for first in range(0, count, _BATCH):
         progress(first / count, "Fitting helices")
         end = min(first + _BATCH, count)
         fit_strands(
-            points, strands.offsets, first, end, params.samples_per_segment, settings, params.tolerance,
+            points, strands.offsets, first, end, params.samples_per_segment, settings, float(params.tolerance),
             n_elements[first:end], frames[first:end], lengths, curvatures, errors[first:end],
         )  # fmt: skip
         used = np.arange(width) < np.maximum(n_elements[first:end], 1)[:, None]
