@@ -7,12 +7,9 @@ from typing import Any
 
 import numpy as np
 from numba import prange
-from numpy.typing import NDArray
 
 from ..kernels import device, parallel_kernel
-from ..types import Float64
-
-Int64 = NDArray[np.int64]
+from ..types import Float64, Int64
 
 # Steps within one contact before the next one has its turn.
 _LOCAL_STEPS = 4

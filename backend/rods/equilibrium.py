@@ -9,14 +9,14 @@ stability is tested, and where it fails the guide is made stiffer by the factor 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import require
-from ..types import Bools, Float64, check_array
+from ..types import Bools, Float64, Int32, check_array
 from ._kinematics_kernels import NODES, WEIGHTS
+from .detection import ContactSet
 from .helices import Helices
 from .model import Rods
 from .stability import smallest_eigenvalues
@@ -31,15 +31,10 @@ from .support import (
     world_forces,
 )
 
-if TYPE_CHECKING:
-    from .contacts import ContactSet
-
-Int64 = NDArray[np.int64]
-
 # Of a guide's weight: a contact that carries less does not count as holding it.
 _LEAST_HOLD = 1e-3
-# Times that factors and contact forces are found in turns; forces between guides change with their stiffness.
-_ROUNDS = 4
+# Times that contact forces and factors are found in turns: forces between guides change with their stiffness.
+_TURNS_OF_PAIRS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,23 +128,24 @@ def find_rest_shape(
     require(same, "rods and helices have different elements; make the rods from these helices")
     problem = _Problem(rods, helices, gravity, contacts, params)
     n_rods, owner = len(rods.friction), problem.owner
-    scale, before = np.ones(n_rods), np.ones(n_rods)
+    scale, before, smallest = np.ones(n_rods), np.ones(n_rods), np.ones(n_rods)
     forces, sweeps = np.zeros((len(problem.supports.friction), 3)), 0
-    for turn in range(_ROUNDS):
+    for turn in range(problem.n_turns):
         stiffness = scale[owner, None] * problem.stiffness
-        forces, bending, sweeps = problem.carry(stiffness, forces)
+        forces, sweeps = problem.carry(stiffness, forces)
         smallest = problem.stability(stiffness, forces)
         before = smallest if turn == 0 else before
-        needed = scale * np.maximum(1.0, (1.0 - smallest) / (1.0 - params.margin))
-        needed = np.minimum(needed, params.largest_scale)
-        # rounding of the eigenvalues must not go round again
-        if not params.scale_stiffness or (needed <= scale * (1.0 + 1e-9)).all():
+        # with the forces as they are, 1 - smallest is inverse to the stiffness
+        needed = scale * (1.0 - smallest) / (1.0 - params.margin)
+        if not params.scale_stiffness or (needed <= 1.0).all():
             break
-        if turn < _ROUNDS - 1:
-            scale = needed
-    rest = helices.curvatures - bending
+        needed = np.clip(needed, 1.0, params.largest_scale)
+        scale, smallest = needed, 1.0 - (1.0 - smallest) * scale / needed
     stiffness = scale[owner, None] * problem.stiffness
-    left = stiffness * (helices.curvatures - rest) - problem.weight - contact_force(problem.supports, forces, len(rest))
+    load = problem.weight + contact_force(problem.supports, forces, len(owner))
+    bending = load / stiffness
+    rest = helices.curvatures - bending
+    left = stiffness * (helices.curvatures - rest) - load
     return Equilibrium(
         rods=replace(rods, rest=rest, stiffness=scale[owner, None] * rods.stiffness),
         forces=world_forces(problem.supports, forces),
@@ -177,15 +173,17 @@ class _Problem:
         self.weight = load_force(helices, self.pose, self.weights)
         hold = np.bincount(self.owner, rods.mass * rods.lengths, len(rods.friction))
         self.least_hold = _LEAST_HOLD * hold * np.linalg.norm(gravity)
-        self.supports = _supports(helices, self.pose, contacts, params.friction_share)
+        self.supports = _supports(helices, self.pose, contacts)
+        self.n_turns = _TURNS_OF_PAIRS if (self.supports.signs < 0.0).any() else 1
 
-    def carry(self, stiffness: Float64, start: Float64) -> tuple[Float64, Float64, int]:
+    def carry(self, stiffness: Float64, start: Float64) -> tuple[Float64, int]:
         return least_bending_forces(
             self.supports,
             len(self.helices.roots),
             self.weight,
             stiffness,
             start,
+            friction=self.params.friction_share * self.supports.friction,
             tolerance=self.params.tolerance,
             iterations=self.params.iterations,
         )
@@ -217,15 +215,14 @@ def join_loads(first: Loads, second: Loads) -> Loads:
     )
 
 
-def _supports(helices: Helices, pose: Pose, contacts: ContactSet | None, friction_share: float) -> Supports:
+def _supports(helices: Helices, pose: Pose, contacts: ContactSet | None) -> Supports:
     if contacts is None:
         none = np.zeros((0, 2))
-        return find_supports(helices, pose, none.astype(np.int64), none, np.zeros((0, 3, 3)), np.zeros(0))
-    friction = friction_share * contacts.friction
-    return find_supports(helices, pose, contacts.elements, contacts.arcs, contacts.axes, friction)
+        return find_supports(helices, pose, none.astype(np.int32), none, np.zeros((0, 3, 3)), np.zeros(0))
+    return find_supports(helices, pose, contacts.elements, contacts.arcs, contacts.axes, contacts.friction)
 
 
-def _norms(values: Float64, offsets: NDArray[np.int32]) -> Float64:
+def _norms(values: Float64, offsets: Int32) -> Float64:
     """(S,) of each rod's values (E, 3)."""
     norms: Float64 = np.sqrt(np.add.reduceat(np.einsum("ei,ei->e", values, values), offsets[:-1]))
     return norms

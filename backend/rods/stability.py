@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..types import Bools, Float64
+from ..types import Bools, Float64, Int64
 from . import _equilibrium_kernels as kernels
 from .statics import LoadStiffness
-
-Int64 = NDArray[np.int64]
 
 # Rods whose matrices are held at once; bounds the memory to some 100 MB.
 _CHUNK = 512

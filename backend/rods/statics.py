@@ -10,12 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..types import Float64
+from ..types import Float64, Int64
 from .helices import Helices
-
-Int64 = NDArray[np.int64]
 
 # Turn of an element (radians) below which closed forms lose digits and series are used.
 _SMALL_TURN = 0.5
@@ -78,7 +75,7 @@ def _coefficients(square: Float64, s: Float64) -> tuple[Float64, Float64, Float6
     w = np.sqrt(square)
     a, b = (1.0 - np.cos(w * s)) / square, (w * s - np.sin(w * s)) / (square * w)
     closed = (a, b, (s * np.sin(w * s) / w - 2.0 * a) / square, (s * a - 3.0 * b) / square)
-    values: list[Float64] = [np.where(small, one, other) for one, other in zip(series, closed)]
+    values: Float64 = np.where(small, np.stack(series), np.stack(closed))
     return values[0], values[1], values[2], values[3]
 
 
@@ -101,7 +98,7 @@ def element_motion(u: Float64, s: Float64) -> tuple[Float64, Float64, Float64, F
     slope = b * slope - a * cross_matrix(tangent)
     slope += (a_slope[:, :, 0] * side + b_slope[:, :, 0] * inner)[:, :, None] * u[:, None, :]
     rotation = np.eye(3) + (along - b * square[:, None, None] * np.eye(3)) @ turn + a * turn_square
-    return rho, slope, rotation, along + a * turn + b * turn_square
+    return rho, slope, rotation, np.asarray(along + a * turn + b * turn_square, np.float64)
 
 
 def pose_rods(helices: Helices) -> Pose:

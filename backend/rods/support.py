@@ -10,17 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from ..types import Float64
+from ..types import Float64, Int32, Int64
 from . import _equilibrium_kernels as kernels
 from .helices import Helices
 from .stability import HeldLegs
 from .statics import Loads, Pose, jacobians
-
-Int64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +42,7 @@ class Supports:
 
 
 def find_supports(
-    helices: Helices, pose: Pose, elements: Int64, arcs: Float64, axes: Float64, friction: Float64
+    helices: Helices, pose: Pose, elements: Int32, arcs: Float64, axes: Float64, friction: Float64
 ) -> Supports:
     """Jacobians of contacts whose legs are on `elements` (c, 2), the second -1 on a solid, at `arcs` (c, 2)."""
     contacts, side = np.nonzero(elements >= 0)
@@ -82,17 +79,19 @@ def least_bending_forces(
     stiffness: Float64,
     start: Float64,
     *,
+    friction: Float64,
     tolerance: float,
     iterations: int,
-) -> tuple[Float64, Float64, int]:
-    """Forces r (c, 3), N in the contacts' axes on the first leg, A^-1 (f + H^T r) (E, 3), and the most sweeps made.
+) -> tuple[Float64, int]:
+    """Forces r (c, 3), N in the contacts' axes on the first leg, and the most sweeps of any island.
 
-    force (E, 3): f. stiffness (E, 3): diagonal of A, N m^3. start (c, 3): forces to begin with, in the cones.
+    force (E, 3): f. stiffness (E, 3): diagonal of A, N m^3. start (c, 3): forces to begin with. friction (c,): of the
+    cones. The kernel's docstring says what tolerance and iterations are.
     """
     forces, compliance = start.copy(), 1.0 / stiffness
     bending = compliance * (force + contact_force(supports, forces, len(stiffness)))
     if len(forces) == 0:
-        return forces, bending, 0
+        return forces, 0
     order, islands = _islands(supports, n_rods)
     # the rows of a contact's legs, one after the other
     legs = np.argsort(supports.contacts, kind="stable")
@@ -102,11 +101,10 @@ def least_bending_forces(
     row_offsets = np.concatenate([[0], np.cumsum(of_contact)]).astype(np.int64)
     sweeps = np.zeros(len(islands) - 1, np.int64)
     kernels.least_bending(
-        islands, order, row_offsets, supports.row_elements[rows], supports.rows[rows], supports.friction, compliance,
+        islands, order, row_offsets, supports.row_elements[rows], supports.rows[rows], friction, compliance,
         tolerance, iterations, bending, forces, sweeps,
     )  # fmt: skip
-    # anew, so that it holds to rounding what the sweeps summed up
-    return forces, compliance * (force + contact_force(supports, forces, len(stiffness))), int(sweeps.max())
+    return forces, int(sweeps.max())
 
 
 def contact_force(supports: Supports, forces: Float64, n_elements: int) -> Float64:
