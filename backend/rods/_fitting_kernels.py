@@ -78,7 +78,7 @@ def helix_between(start: Any, end: Any, t0: Any, t1: Any, shortest: float, darbo
     mx, my, mz = t1[0] + t0[0], t1[1] + t0[1], t1[2] + t0[2]
     difference, mean = sqrt(ex * ex + ey * ey + ez * ez), sqrt(mx * mx + my * my + mz * mz)
     if difference < 2.0 * _EQUAL_TANGENTS:
-        return _helix_of_equal_tangents(dx, dy, dz, distance, t0, shortest, darboux)
+        return float(_helix_of_equal_tangents(dx, dy, dz, distance, t0, shortest, darboux))
     s, c = 0.5 * difference, 0.5 * mean  # of half the angle between the tangents
     ex, ey, ez = ex / difference, ey / difference, ez / difference
     if mean < 1e-9:  # opposite tangents: any axis will do, the chord makes a half circle
@@ -122,7 +122,7 @@ def _helix_of_equal_tangents(
     length = distance * distance / along
     omega = 2.0 * pi / length / distance
     darboux[0], darboux[1], darboux[2] = omega * dx, omega * dy, omega * dz
-    return length
+    return float(length)
 
 
 @device

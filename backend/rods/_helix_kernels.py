@@ -50,7 +50,7 @@ def advance(base: Any, curvature: Any, s: float, point: Any, frame: Any) -> None
 
 
 @parallel_kernel
-def evaluate_points(
+def evaluate_helices(
     roots: Any,
     frames: Any,
     offsets: Any,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import require
 from ..types import Float64, Int32, StrandSet, check_array
-from ._helix_kernels import evaluate_points
+from ._helix_kernels import evaluate_helices
 
 _POINTS_PER_ELEMENT = 8  # of to_strands, where nothing else is said
 _MAX_POINTS = 2**31 - 1  # offsets are int32
@@ -106,7 +106,7 @@ def _evaluate_flat(helices: Helices, counts: NDArray[np.int64]) -> tuple[Float64
     """Points (P, 3) and frames (P, 3, 3) of counts (S,) points a strand."""
     point_offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     points, frames = np.empty((point_offsets[-1], 3)), np.empty((point_offsets[-1], 3, 3))
-    evaluate_points(
+    evaluate_helices(
         np.ascontiguousarray(helices.roots),
         np.ascontiguousarray(helices.frames),
         helices.offsets,
