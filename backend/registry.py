@@ -32,6 +32,7 @@ JOBS: Mapping[str, Job] = {
     "fit_helices": Job(".jobs.fit_helices:run", ".rods.fitting:FitParams"),
     "make_guides": Job(".jobs.make_guides:run", ".rods.guides:GuideParams"),
     "save_detail": Job(".jobs.save_detail:run", ".jobs.save_detail:SaveDetailParams"),
+    "simulate": Job(".jobs.simulate:run", ".jobs.simulate:SimulateParams"),
     "synthesize": Job(".jobs.synthesize:run", ".synthesis.pipeline:SynthesisParams"),
     "transfer_details": Job(".jobs.transfer_details:run", ".jobs.transfer_details:TransferJobParams"),
     "warm_up": Job(".jobs.warm_up:run"),

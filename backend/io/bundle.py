@@ -39,6 +39,9 @@ TYPES: Mapping[str, str] = {
     "Helices": "..rods.helices",
     "HelixFit": "..rods.fitting",
     "Followers": "..rods.interpolation",
+    "Scene": "..rods.scene",
+    "CollisionMesh": "..rods.scene",
+    "ForceField": "..rods.scene",
 }
 
 Arrays = dict[str, NDArray[Any]]

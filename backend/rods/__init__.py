@@ -1,1 +1,1 @@
-"""Strands as elastic rods: piecewise helices, super-helix dynamics, contact and rest shape (Bao & Qi 2017, sec. V-VI)."""
+"""Strands as elastic rods: helices, super-helix dynamics, contact, rest shape (Bao & Qi 2017, sec. V-VI)."""
