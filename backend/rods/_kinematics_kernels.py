@@ -17,9 +17,8 @@ import math
 import numpy as np
 
 from ..kernels import summing_device
+from ._matrix_kernels import Matrix, Vector, cross, dot
 
-Vector = tuple[float, float, float]
-Matrix = tuple[float, float, float, float, float, float, float, float, float]
 Coefficients = tuple[float, float, float, float]
 
 N_QUADRATURE = 3
@@ -34,36 +33,6 @@ _SERIES_END = 4.0
 _N_TERMS = 10
 _C_SERIES = tuple((-1.0) ** k * 2 * k / math.factorial(2 * k + 2) for k in range(1, _N_TERMS + 1))
 _D_SERIES = tuple((-1.0) ** k * 2 * k / math.factorial(2 * k + 3) for k in range(1, _N_TERMS + 1))
-
-
-@summing_device
-def cross(a: Vector, b: Vector) -> Vector:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@summing_device
-def dot(a: Vector, b: Vector) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@summing_device
-def times(m: Matrix, v: Vector) -> Vector:
-    """m v."""
-    return (
-        m[0] * v[0] + m[1] * v[1] + m[2] * v[2],
-        m[3] * v[0] + m[4] * v[1] + m[5] * v[2],
-        m[6] * v[0] + m[7] * v[1] + m[8] * v[2],
-    )
-
-
-@summing_device
-def transposed_times(m: Matrix, v: Vector) -> Vector:
-    """m^T v."""
-    return (
-        m[0] * v[0] + m[3] * v[1] + m[6] * v[2],
-        m[1] * v[0] + m[4] * v[1] + m[7] * v[2],
-        m[2] * v[0] + m[5] * v[1] + m[8] * v[2],
-    )
 
 
 @summing_device

@@ -1,0 +1,202 @@
+"""Points of rods during a time step: where they are, how they move, and what impulses at them do (B-26).
+
+A leg is a point of a rod: element, arc length from the element's start. See `_dynamics_kernels` for the elimination;
+an impulse f at a leg is a wrench on the element's base and G^T f on its rates, and goes the same way as the loads.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import prange
+
+from ..kernels import parallel_kernel, summing_device
+from ._dynamics_kernels import (
+    _ANGULAR,
+    _COUPLING,
+    _DARBOUX,
+    _FRAME,
+    _GRADIENT,
+    _INVERSE,
+    _LINEAR,
+    _OFFSET,
+    _POSITION,
+    _RATE,
+    _TURN,
+)
+from ._kinematics_kernels import N_QUADRATURE, NODES, coefficients, element_gradient, element_offset
+from ._matrix_kernels import (
+    Matrix,
+    Vector,
+    cross,
+    dot,
+    lower_times,
+    lower_transposed_times,
+    matrix,
+    minus,
+    plus,
+    put,
+    scaled,
+    symmetric,
+    times,
+    transposed_times,
+    vector,
+)
+
+
+@summing_device
+def _leg(work: Any, e: int, arc: float) -> tuple[Vector, Matrix]:
+    """Offset and gradient at an arc length of an element."""
+    u = vector(work.poses, e, _DARBOUX)
+    t = (work.poses[e, _FRAME], work.poses[e, _FRAME + 3], work.poses[e, _FRAME + 6])
+    c = coefficients(math.sqrt(dot(u, u)), arc)
+    return element_offset(c, arc, t, u), element_gradient(c, t, u)
+
+
+@summing_device
+def _drift_at(work: Any, s: int, from_root: Vector) -> Vector:
+    """(r~ - r_n)/dt of a point of strand s."""
+    return plus(vector(work.drifts, s, 9), times(matrix(work.drifts, s, 0), from_root))
+
+
+@parallel_kernel
+def place_legs(strands: Any, roots: Any, work: Any, dt: float, elements: Any, arcs: Any, now: Any, before: Any) -> None:
+    for i in prange(len(elements)):
+        e = elements[i]
+        place = plus(vector(work.poses, e, _POSITION), _leg(work, e, arcs[i])[0])
+        drift = _drift_at(work, strands[e], minus(place, vector(roots, strands[e], 0)))
+        put(now, i, 0, place)
+        put(before, i, 0, minus(place, scaled(dt, drift)))
+
+
+@parallel_kernel
+def leg_velocities(strands: Any, roots: Any, work: Any, elements: Any, arcs: Any, velocities: Any) -> None:
+    for i in prange(len(elements)):
+        e = elements[i]
+        offset, gradient = _leg(work, e, arcs[i])
+        place = plus(vector(work.poses, e, _POSITION), offset)
+        drift = _drift_at(work, strands[e], minus(place, vector(roots, strands[e], 0)))
+        moved = plus(times(gradient, vector(work.motion, e, _RATE)), cross(vector(work.motion, e, _ANGULAR), offset))
+        put(velocities, i, 0, plus(plus(drift, vector(work.motion, e, _LINEAR)), moved))
+
+
+@summing_device
+def _climb(work: Any, e: int, force: Vector, torque: Vector) -> tuple[Vector, Vector, Vector]:
+    """A wrench at the end of element e: its base wrench and its load on the rates, before x is eliminated."""
+    load = plus(
+        transposed_times(matrix(work.links, e, _GRADIENT), force),
+        transposed_times(matrix(work.links, e, _TURN), torque),
+    )
+    return force, plus(torque, cross(vector(work.links, e, _OFFSET), force)), load
+
+
+@summing_device
+def _without_rates(work: Any, e: int, force: Vector, torque: Vector, load: Vector) -> tuple[Vector, Vector, Vector]:
+    """The base wrench and L^-1 load, once x of element e is eliminated."""
+    eliminated = lower_times(symmetric(work.factors, e, _INVERSE), load)
+    force = minus(force, transposed_times(matrix(work.factors, e, _COUPLING), eliminated))
+    torque = minus(torque, transposed_times(matrix(work.factors, e, _COUPLING + 9), eliminated))
+    return force, torque, eliminated
+
+
+@parallel_kernel
+def couple_legs(
+    rods: Any, work: Any, leg_offsets: Any, elements: Any, arcs: Any, block_offsets: Any, blocks: Any
+) -> None:
+    """(3 k, 3 k) rows per strand: W = sum over elements of (L^-1 load_i)^T (L^-1 load_j), for unit impulses."""
+    for s in prange(len(leg_offsets) - 1):
+        first, count = leg_offsets[s], leg_offsets[s + 1] - leg_offsets[s]
+        if count > 0:
+            begin = rods.offsets[s]
+            loads = np.empty((3 * count, 3 * (rods.offsets[s + 1] - begin)))
+            for i in range(count):
+                _send_to_root(work, begin, elements[first + i], arcs[first + i], loads[3 * i : 3 * i + 3])
+            for i in range(count):
+                for j in range(i + 1):
+                    reach = 3 * (min(elements[first + i], elements[first + j]) - begin + 1)
+                    for a in range(3):
+                        for b in range(3):
+                            shared = _shared(loads[3 * i + a], loads[3 * j + b], reach)
+                            row, column = 3 * i + a, 3 * j + b
+                            blocks[block_offsets[s] + row * 3 * count + column] = shared
+                            blocks[block_offsets[s] + column * 3 * count + row] = shared
+
+
+@summing_device
+def _shared(a: Any, b: Any, count: int) -> float:
+    total = 0.0
+    for k in range(count):
+        total += a[k] * b[k]
+    return total
+
+
+@summing_device
+def _send_to_root(work: Any, begin: int, e: int, arc: float, loads: Any) -> None:
+    """L^-1 load on the rates of all elements from e to the root, for unit impulses along the three axes at a leg."""
+    offset, gradient = _leg(work, e, arc)
+    for axis in range(3):
+        force = (1.0 if axis == 0 else 0.0, 1.0 if axis == 1 else 0.0, 1.0 if axis == 2 else 0.0)
+        torque, load = cross(offset, force), transposed_times(gradient, force)
+        force, torque, load = _without_rates(work, e, force, torque, load)
+        put(loads, axis, 3 * (e - begin), load)
+        for lower in range(e - 1, begin - 1, -1):
+            force, torque, load = _climb(work, lower, force, torque)
+            force, torque, load = _without_rates(work, lower, force, torque, load)
+            put(loads, axis, 3 * (lower - begin), load)
+
+
+@parallel_kernel
+def push_legs(rods: Any, work: Any, leg_offsets: Any, elements: Any, arcs: Any, impulses: Any) -> None:
+    """Impulses (k, 3) at the legs: added to the rates, twists, velocities and the roots' impulses."""
+    for s in prange(len(leg_offsets) - 1):
+        if leg_offsets[s + 1] > leg_offsets[s]:
+            begin, end = rods.offsets[s], rods.offsets[s + 1]
+            loads = np.zeros((end - begin, 9))
+            for i in range(leg_offsets[s], leg_offsets[s + 1]):
+                e = elements[i]
+                offset, gradient = _leg(work, e, arcs[i])
+                force = vector(impulses, i, 0)
+                put(loads, e - begin, 0, plus(vector(loads, e - begin, 0), force))
+                put(loads, e - begin, 3, plus(vector(loads, e - begin, 3), cross(offset, force)))
+                put(loads, e - begin, 6, plus(vector(loads, e - begin, 6), transposed_times(gradient, force)))
+            _change_rates(rods, work, s, begin, end, loads)
+
+
+@summing_device
+def _change_rates(rods: Any, work: Any, s: int, begin: int, end: int, loads: Any) -> None:
+    """Tip to root with the loads (N, 9) on the elements (force, torque, load on the rates), and back to the tip."""
+    force, torque = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for e in range(end - 1, begin - 1, -1):
+        k = e - begin
+        force, torque, load = _climb(work, e, force, torque)
+        force, torque = plus(force, vector(loads, k, 0)), plus(torque, vector(loads, k, 3))
+        force, torque, load = _without_rates(work, e, force, torque, plus(load, vector(loads, k, 6)))
+        put(loads, k, 6, load)
+    put(work.impulses, s, 0, minus(vector(work.impulses, s, 0), force))
+    linear, angular = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for e in range(begin, end):
+        met = plus(
+            times(matrix(work.factors, e, _COUPLING), linear), times(matrix(work.factors, e, _COUPLING + 9), angular)
+        )
+        load = minus(vector(loads, e - begin, 6), met)
+        x = lower_transposed_times(symmetric(work.factors, e, _INVERSE), load)
+        _add_motion(rods, work, e, linear, angular, x)
+        turned = cross(angular, vector(work.links, e, _OFFSET))
+        linear = plus(linear, plus(times(matrix(work.links, e, _GRADIENT), x), turned))
+        angular = plus(angular, times(matrix(work.links, e, _TURN), x))
+
+
+@summing_device
+def _add_motion(rods: Any, work: Any, e: int, linear: Vector, angular: Vector, x: Vector) -> None:
+    put(work.motion, e, _LINEAR, plus(vector(work.motion, e, _LINEAR), linear))
+    put(work.motion, e, _ANGULAR, plus(vector(work.motion, e, _ANGULAR), angular))
+    put(work.motion, e, _RATE, plus(vector(work.motion, e, _RATE), x))
+    change = transposed_times(matrix(work.poses, e, _FRAME), x)
+    put(work.rates, e, 0, plus(vector(work.rates, e, 0), change))
+    for p in range(N_QUADRATURE):
+        offset, gradient = _leg(work, e, NODES[p] * rods.lengths[e])
+        moved = plus(linear, plus(cross(angular, offset), times(gradient, x)))
+        for i in range(3):
+            work.velocities[e, p, i] += moved[i]
