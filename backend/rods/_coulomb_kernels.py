@@ -11,14 +11,9 @@ import math
 from typing import Any
 
 import numba
-import numpy as np
-from numpy.typing import NDArray
 
 from ..kernels import device, parallel_kernel
-from ..types import Float64, Int32
-
-Int64 = NDArray[np.int64]
-
+from ..types import Float64, Int32, Int64
 
 _NEWTON_STEPS = 80
 # Of W's trace; keeps the local matrices regular where a straight strand cannot move along itself. It stands beside the

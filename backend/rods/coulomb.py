@@ -10,15 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from ..errors import require
-from ..types import Float64, Int32
+from ..types import Float64, Int32, Int64
 from ._coulomb_kernels import local_impulses, own_matrices, sweep_islands, turn_blocks
-
-Int64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,261 @@
+"""Contacts of strands in a time step: found where the step begins, solved between the stepper's begin and end (B-26).
+
+With r~ the places for the old curvatures on the new root poses and J~ q' what the step still adds, the gap's rate keeps
+
+    n.(J~ q') = n.(u - (r~ - r_n)/dt) >= -(gap(r~) - offset)/dt,
+
+so that contacts are met, not overrun; Coulomb's cone is on the true velocity u relative to what is touched. Samples
+that would not come near anyway are left out. A contact's offset is the radius, or the gap that the groom had at rest
+where that is less: hair that the artist laid closer, or a little inside, may stay as it is, and carries load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import require
+from ..types import Float64, Int32, Int64
+from .coulomb import Legs, solve_contacts, sort_legs
+from .detection import (
+    ContactSet,
+    Samples,
+    Solid,
+    join_contacts,
+    near_pairs,
+    no_contacts,
+    pair_contacts,
+    place_legs,
+    sample_rods,
+    solid_contacts,
+)
+from .dynamics import Stepper
+from .helices import Helices
+from .model import Rods
+
+__all__ = ["ContactParams", "ContactSet", "ContactSolver", "ContactStatistics", "Solid", "find_contacts"]
+
+# Approach of strands to each other in a step, m, beyond which they may miss each other: bounds the pairs looked at.
+_PAIR_REACH = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class ContactParams:
+    """How hair meets solids and itself.
+
+    radius : m, of a guide with the hair around it; this much it keeps off. self_contact : strands touch each other
+    (parts of the same strand never do). spacing : m between the places along a strand where contact is looked for.
+    margin : m; places that come this near without contact are solved too. fastest : m/s towards a solid, what is
+    faster may come in for a step. push_speed : m/s, at most, with which what is too deep is pushed out.
+    tolerance : m/s, of Coulomb's law. iterations : most sweeps over the contacts.
+    """
+
+    radius: float = 0.001
+    self_contact: bool = False
+    spacing: float = 0.015
+    margin: float = 0.001
+    fastest: float = 10.0
+    push_speed: float = 0.2
+    tolerance: float = 1e-6
+    iterations: int = 60
+
+    def __post_init__(self) -> None:
+        for name, unit in (("radius", "m"), ("margin", "m"), ("push_speed", "m/s"), ("fastest", "m/s")):
+            value = getattr(self, name)
+            require(0.0 <= value < 1e3, f"contact {name} is {value:g} {unit}; it must be 0 or more")
+        for name in ("spacing", "tolerance"):
+            value = getattr(self, name)
+            require(0.0 < value < 1e3, f"contact {name} is {value:g}; it must be above 0")
+        require(self.iterations >= 1, f"contact iterations is {self.iterations}; it must be 1 or more")
+
+
+@dataclass(frozen=True, slots=True)
+class ContactStatistics:
+    """Of one step. n_contacts : looked at. n_pressing : with a force, n_sliding : of these, on the cone's edge.
+    deepest : m, of a sample in a solid when the step began, beyond what it was at rest. residual : m/s, the worst
+    contact's distance from Coulomb's law. iterations : the most sweeps over an island of contacts; n_islands of them.
+    """
+
+    n_contacts: int = 0
+    n_pressing: int = 0
+    n_sliding: int = 0
+    deepest: float = 0.0
+    residual: float = 0.0
+    iterations: int = 0
+    n_islands: int = 0
+
+
+def find_contacts(
+    rods: Rods, params: ContactParams, helices: Helices, solids: Sequence[Solid], *, samples: Samples | None = None
+) -> ContactSet:
+    """Contacts of a pose at rest: all places within a radius of a solid, or of two strands' radii (B-22, M-26).
+
+    Their offsets are their gaps. helices : the pose, world. samples : where to look; None for sample_rods.
+    """
+    samples = sample_rods(rods, params.spacing) if samples is None else samples
+    points = place_legs(helices, samples.elements, samples.arcs)
+    radius = np.tile(rods.radius[samples.strands], (len(solids), 1))
+    found = [solid_contacts(samples, points, solids, rods.friction, radius, 0.0)] if solids else []
+    if params.self_contact:
+        found.append(_pairs_at_rest(rods, samples, points, helices))
+    contacts = join_contacts(found) if found else no_contacts()
+    return replace(contacts, offsets=contacts.gaps.copy())
+
+
+def _pairs_at_rest(rods: Rods, samples: Samples, points: Float64, helices: Helices) -> ContactSet:
+    """Contacts between strands that are nearer than their radii together."""
+    reach = 2.0 * float(rods.radius.max())
+    pairs, places = near_pairs(samples, points, np.zeros_like(points), reach, reach)
+
+    def place(elements: Int32, arcs: Float64) -> Float64:
+        return place_legs(helices, elements, arcs)
+
+    contacts = pair_contacts(samples, points, pairs, places, place, rods.friction, rods.radius)
+    return contacts.select(contacts.gaps < contacts.offsets)
+
+
+class ContactSolver:
+    """Finds and solves the contacts of each step, and keeps their impulses as the next step's start."""
+
+    def __init__(self, rods: Rods, params: ContactParams, stepper: Stepper) -> None:
+        self._rods, self._params, self._stepper = rods, params, stepper
+        self._samples = sample_rods(rods, params.spacing)
+        self._offsets: Float64 | None = None
+        self._pair_keys, self._pair_offsets = np.empty(0, np.int64), np.empty(0)
+        # forces, N in the contacts' axes, by key in ascending order
+        self._keys, self._forces = np.empty(0, np.int64), np.empty((0, 3))
+
+    rest_contacts = staticmethod(find_contacts)
+
+    def set_rest(self, roots: Float64, frames: Float64, curvatures: Float64, solids: Sequence[Solid]) -> None:
+        """Take the gaps of a pose as offsets, where they are less than the radius, so that it is admissible.
+
+        roots (S, 3), frames (S, 3, 3), curvatures (E, 3) as in RodState. Between two strands the least gap counts.
+        """
+        rods, samples = self._rods, self._samples
+        helices = Helices(roots, frames, rods.offsets, rods.lengths, curvatures)
+        contacts = find_contacts(rods, self._params, helices, solids, samples=samples)
+        self._offsets = np.tile(rods.radius[samples.strands], (len(solids), 1))
+        on_solid = contacts.solids >= 0
+        self._offsets.reshape(-1)[contacts.keys[on_solid]] = contacts.gaps[on_solid]
+        keys = self._strand_pairs(contacts.select(~on_solid))
+        self._pair_keys, group = np.unique(keys, return_inverse=True)
+        self._pair_offsets = np.full(len(self._pair_keys), np.inf)
+        np.minimum.at(self._pair_offsets, group, contacts.gaps[~on_solid])
+
+    def set_static(self, contacts: ContactSet, forces: Float64) -> None:
+        """Forces (c, 3), N, world, on the first legs of contacts at rest: what the first step starts from."""
+        require(forces.shape == (contacts.n_contacts, 3), "there must be one static force for each contact")
+        self._keep(contacts, np.einsum("cij,cj->ci", contacts.axes, forces))
+
+    def solve(self, solids: Sequence[Solid], dt: float) -> ContactStatistics:
+        """Find the contacts of the step that the stepper has begun, solve them, apply their impulses.
+
+        Parameters
+        ----------
+        solids : as many, in the same order, as set_rest had. dt : s, as the stepper's.
+
+        Raises
+        ------
+        InputError : another number of solids than at rest.
+        """
+        if self._offsets is None:
+            self._offsets = np.tile(self._rods.radius[self._samples.strands], (len(solids), 1))
+        known = len(self._offsets)
+        require(known == len(solids), f"there are {len(solids)} solids now and {known} at rest; keep them the same")
+        contacts, deepest = self._find(solids, dt)
+        if contacts.n_contacts == 0:
+            self._keep(contacts, np.empty((0, 3)))
+            return ContactStatistics(deepest=deepest)
+        strands = self._stepper.element_strands[contacts.elements]
+        legs = sort_legs(strands[:, 0], np.where(contacts.solids < 0, strands[:, 1], -1), len(self._rods.friction))
+        paired = contacts.solids < 0
+        elements = np.concatenate([contacts.elements[:, 0], contacts.elements[paired, 1]])[legs.order]
+        arcs = np.concatenate([contacts.arcs[:, 0], contacts.arcs[paired, 1]])[legs.order]
+        velocities = self._relative_velocities(contacts, legs, elements, arcs, solids, dt)
+        blocks, block_offsets = self._stepper.delassus(legs.offsets, elements, arcs)
+        impulses, report = solve_contacts(
+            legs, contacts.axes, blocks, block_offsets, velocities, contacts.friction, dt * self._start(contacts.keys),
+            tolerance=self._params.tolerance, iterations=self._params.iterations,
+        )  # fmt: skip
+        pushes = np.einsum("cij,ci->cj", contacts.axes, impulses)
+        self._stepper.apply(legs.offsets, elements, arcs, np.concatenate([pushes, -pushes[paired]])[legs.order])
+        self._keep(contacts, impulses / dt)
+        pressing = impulses[:, 0] > 0
+        sliding = np.hypot(impulses[:, 1], impulses[:, 2]) >= contacts.friction * impulses[:, 0] * (1 - 1e-9)
+        counts = contacts.n_contacts, int(pressing.sum()), int((pressing & sliding).sum())
+        return ContactStatistics(*counts, deepest, report.residual, report.sweeps, report.n_islands)
+
+    def _find(self, solids: Sequence[Solid], dt: float) -> tuple[ContactSet, float]:
+        """What touches or would within the step, and how much deeper than at rest a sample is in a solid."""
+        params, samples, rods, stepper = self._params, self._samples, self._rods, self._stepper
+        points, before = stepper.points(samples.elements, samples.arcs)
+        found, deepest = [], 0.0
+        assert self._offsets is not None
+        if solids:
+            reach = params.margin + dt * params.fastest
+            near = solid_contacts(samples, points, solids, rods.friction, self._offsets, reach)
+            own = near.keys % len(points)
+            moves = dt * stepper.free_velocities(near.elements[:, 0], near.arcs[:, 0]) - (points - before)[own]
+            gaps = near.gaps - near.offsets + np.einsum("ci,ci->c", near.axes[:, 0], moves)
+            deepest = float((np.minimum(near.offsets, 0.0) - near.gaps).max(initial=0.0))
+            found.append(near.select(gaps < params.margin))
+        if params.self_contact:
+            moves = dt * stepper.free_velocities(samples.elements, samples.arcs) - (points - before)
+            touching = 2.0 * float(rods.radius.max()) + params.margin
+            pairs, places = near_pairs(samples, points, moves, touching + _PAIR_REACH, touching)
+
+            def place(elements: Int32, arcs: Float64) -> Float64:
+                return stepper.points(elements, arcs)[0]
+
+            contacts = pair_contacts(samples, points, pairs, places, place, rods.friction, rods.radius)
+            found.append(replace(contacts, offsets=self._lowered(contacts)))
+        return (join_contacts(found) if found else no_contacts()), deepest
+
+    def _relative_velocities(
+        self, contacts: ContactSet, legs: Legs, elements: Int32, arcs: Float64, solids: Sequence[Solid], dt: float
+    ) -> Float64:
+        """(c, 3) m/s in the contacts' axes: tangential of the material, normal of the gap with the look-ahead."""
+        params, paired = self._params, contacts.solids < 0
+        now, before = self._stepper.points(elements, arcs)
+        velocities = self._stepper.free_velocities(elements, arcs)
+        carried = (now - before) / dt
+        first, second = legs.of_contact[:, 0], legs.of_contact[paired, 1]
+        material, closing = velocities[first], velocities[first] - carried[first]
+        material[paired] -= velocities[second]
+        closing[paired] -= velocities[second] - carried[second]
+        for number, solid in enumerate(solids):
+            touched = contacts.solids == number
+            material[touched] -= solid.velocities(now[first[touched]], dt)
+        relative: Float64 = np.einsum("cij,cj->ci", contacts.axes, material)
+        relative[:, 0] = np.einsum("ci,ci->c", contacts.axes[:, 0], closing)
+        relative[:, 0] += np.maximum((contacts.gaps - contacts.offsets) / dt, -params.push_speed)
+        return relative
+
+    def _lowered(self, contacts: ContactSet) -> Float64:
+        """(c,) offsets of contacts between strands, with the gaps at rest where they are less."""
+        offsets = contacts.offsets
+        if len(self._pair_keys) and contacts.n_contacts:
+            keys = self._strand_pairs(contacts)
+            place = np.minimum(np.searchsorted(self._pair_keys, keys), len(self._pair_keys) - 1)
+            offsets = np.where(self._pair_keys[place] == keys, self._pair_offsets[place], offsets)
+        return offsets
+
+    def _strand_pairs(self, contacts: ContactSet) -> Int64:
+        strands = np.sort(self._stepper.element_strands[contacts.elements].astype(np.int64), axis=1)
+        return np.asarray(strands[:, 0] * len(self._rods.friction) + strands[:, 1])
+
+    def _keep(self, contacts: ContactSet, forces: Float64) -> None:
+        order = np.argsort(contacts.keys, kind="stable")
+        self._keys, self._forces = contacts.keys[order], forces[order]
+
+    def _start(self, keys: Int64) -> Float64:
+        """(c, 3) N in the contacts' axes: what contacts of these keys had in the last step, 0 for new ones."""
+        forces = np.zeros((len(keys), 3))
+        if len(self._keys):
+            place = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
+            same = self._keys[place] == keys
+            forces[same] = self._forces[place[same]]
+        return forces

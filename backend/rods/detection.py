@@ -1,0 +1,251 @@
+"""Where strands touch solids and each other (B-26): samples along strands, signed distances, near segments."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import require
+from ..geometry.collider import Collider
+from ..types import Float64, Int32, Int64
+from ._detection_kernels import hash_cells, near_segments, probe_solid
+from .helices import Helices
+from .model import Rods
+from .statics import element_motion, pose_rods
+
+_MOST_SAMPLES = 16  # an element
+
+
+@dataclass(frozen=True, slots=True)
+class Solid:
+    """A solid that moves rigidly during a time step; one that bends is given anew every frame.
+
+    collider : signed distance in its own space, metres. matrix, previous : (4, 4) float64, own space to world at the
+    step's end and begin, rigid. friction : Coulomb's coefficient; the greater of the hair's and this counts.
+    """
+
+    collider: Collider
+    matrix: Float64
+    previous: Float64
+    friction: float = 0.3
+
+    def __post_init__(self) -> None:
+        for name in ("matrix", "previous"):
+            matrix = getattr(self, name)
+            require(matrix.shape == (4, 4), f"a solid's {name} has shape {matrix.shape}; it must be (4, 4)")
+            turn = matrix[:3, :3]
+            is_rigid = np.allclose(turn @ turn.T, np.eye(3), atol=1e-4) and np.linalg.det(turn) > 0
+            require(is_rigid, f"a solid's {name} scales or mirrors; apply the object's scale")
+        require(self.friction >= 0, f"a solid's friction is {self.friction:g}; it must be 0 or more")
+
+    def velocities(self, points: Float64, dt: float) -> Float64:
+        """(n, 3) m/s, world, of the solid's material at points (n, 3), as it came here during the step."""
+        back = self.previous @ np.linalg.inv(self.matrix)
+        result: Float64 = (points - (points @ back[:3, :3].T + back[:3, 3])) / dt
+        return result
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """n places along strands where contact is looked for, the root first and the tip last in each strand.
+
+    elements (n,) int32, arcs (n,) float64, m from the element's start, strands (n,) int32, is_root, is_tip (n,) bool.
+    """
+
+    elements: Int32
+    arcs: Float64
+    strands: Int32
+    is_root: NDArray[np.bool_]
+    is_tip: NDArray[np.bool_]
+
+
+def sample_rods(rods: Rods, spacing: float) -> Samples:
+    """Places at most `spacing` metres apart (but 16 an element at most): roots, and equal parts of every element."""
+    counts = np.clip(np.ceil(rods.lengths / spacing - 1e-9), 1, _MOST_SAMPLES).astype(np.int64)
+    roots = rods.offsets[:-1]
+    # a root is one more sample of its strand's first element, at arc 0
+    counts_with_root = counts.copy()
+    counts_with_root[roots] += 1
+    elements = np.repeat(np.arange(len(counts)), counts_with_root)
+    begins = np.cumsum(counts_with_root) - counts_with_root
+    place = np.arange(len(elements)) - begins[elements] + 1
+    is_root = np.zeros(len(elements), np.bool_)
+    is_root[begins[roots]] = True
+    place[np.isin(elements, roots)] -= 1
+    strands = np.repeat(np.arange(len(roots)), np.add.reduceat(counts_with_root, roots))
+    arcs = rods.lengths[elements] * place / counts[elements]
+    is_tip = np.append(is_root[1:], True)
+    return Samples(elements.astype(np.int32), arcs, strands.astype(np.int32), is_root, is_tip)
+
+
+def place_legs(helices: Helices, elements: Int32, arcs: Float64) -> Float64:
+    """(n, 3) metres, world: where elements (n,) at arcs (n,) are in a pose."""
+    pose = pose_rods(helices)
+    inside = element_motion(helices.curvatures[elements], arcs)[0]
+    return np.asarray(pose.starts[elements] + np.einsum("nij,nj->ni", pose.frames[elements], inside))
+
+
+@dataclass(frozen=True, slots=True)
+class ContactSet:
+    """c contacts of a leg with a solid, or with another leg.
+
+    elements : (c, 2) int32 of the first and second leg, -1 for none. arcs : (c, 2) m from the elements' starts.
+    axes : (c, 3, 3) float64, rows normal (towards the first leg) and two tangents, right-handed, world.
+    gaps : (c,) m, signed distance from the solid's surface, or between the two middles. offsets : (c,) m, the gap
+    that is kept free. friction : (c,). solids : (c,) int32, -1 between strands. keys : (c,) int64, the same for a
+    contact that goes on.
+    """
+
+    elements: Int32
+    arcs: Float64
+    axes: Float64
+    gaps: Float64
+    offsets: Float64
+    friction: Float64
+    solids: Int32
+    keys: Int64
+
+    @property
+    def n_contacts(self) -> int:
+        return len(self.gaps)
+
+    def select(self, chosen: NDArray[np.bool_] | Int64) -> ContactSet:
+        return ContactSet(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+
+def no_contacts() -> ContactSet:
+    """An empty set."""
+    none = np.zeros(0)
+    numbers, empty = none.astype(np.int32), none.reshape(0, 2)
+    return ContactSet(
+        empty.astype(np.int32), empty, none.reshape(0, 3, 3), none, none, none, numbers, none.astype(np.int64)
+    )
+
+
+def join_contacts(sets: Sequence[ContactSet]) -> ContactSet:
+    """One set of all, in order; at least one is needed."""
+    if len(sets) == 1:
+        return sets[0]
+    return ContactSet(*(np.concatenate([getattr(one, field.name) for one in sets]) for field in fields(ContactSet)))
+
+
+def contact_axes(normals: Float64, along: Float64) -> Float64:
+    """(c, 3, 3) right-handed rows: normals (c, 3), then as near to directions `along` (c, 3) as can be.
+
+    With the strand's own direction the axes turn with the strand, and with them the impulses kept for the next step.
+    """
+    tangents = along - np.einsum("ci,ci->c", normals, along)[:, None] * normals
+    sizes = np.linalg.norm(tangents, axis=1)
+    bad = sizes <= 1e-3 * np.linalg.norm(along, axis=1)
+    if bad.any():
+        other = np.eye(3)[np.abs(normals[bad]).argmin(axis=1)]
+        tangents[bad] = other - np.einsum("ci,ci->c", normals[bad], other)[:, None] * normals[bad]
+        sizes[bad] = np.linalg.norm(tangents[bad], axis=1)
+    tangents /= sizes[:, None]
+    return np.stack([normals, tangents, np.cross(normals, tangents)], axis=1)
+
+
+def solid_contacts(
+    samples: Samples, points: Float64, solids: Sequence[Solid], friction: Float64, offsets: Float64, reach: float
+) -> ContactSet:
+    """Contacts with solids of all samples whose gap is less than the offset and `reach`, metres, together.
+
+    points : (n, 3) of the samples. friction : (S,) of the strands. offsets : (k, n) m, gaps to keep to each solid.
+    Roots are left out: they move as they are told.
+    """
+    found = []
+    inner = ~samples.is_root
+    along = np.diff(points, axis=0, prepend=points[:1])
+    for number, solid in enumerate(solids):
+        gaps, normals = np.empty(len(points)), np.empty((len(points), 3))
+        limits = np.where(inner, offsets[number] + reach, -np.inf)
+        grid = solid.collider
+        probe_solid(grid.distance, grid.origin, grid.cell, np.linalg.inv(solid.matrix), points, limits, gaps, normals)
+        near = np.flatnonzero(gaps < limits)
+        found.append(
+            ContactSet(
+                np.stack([samples.elements[near], np.full(len(near), -1, np.int32)], axis=1),
+                np.stack([samples.arcs[near], np.zeros(len(near))], axis=1),
+                contact_axes(normals[near], along[near]),
+                gaps[near],
+                offsets[number, near],
+                np.maximum(friction[samples.strands[near]], solid.friction),
+                np.full(len(near), number, np.int32),
+                near + number * len(points),
+            )
+        )
+    return join_contacts(found)
+
+
+def near_pairs(samples: Samples, points: Float64, moves: Float64, reach: float, limit: float) -> tuple[Int64, Float64]:
+    """Parts of different strands nearer than `reach` that moves (n, 3) bring nearer than `limit`, all in metres.
+
+    Gives the samples that end the parts (p, 2) and places between (p, 2).
+
+    Broad phase by a hash grid, the nearest points of segments between neighbouring samples; places are 0 at the sample
+    before and 1 at the one given.
+    """
+    segments = np.flatnonzero(~samples.is_root)
+    middles = 0.5 * (points[segments] + points[segments - 1])
+    longest = np.linalg.norm(points[segments] - points[segments - 1], axis=1).max(initial=0.0)
+    cells = np.floor((middles - middles.min(axis=0)) / (longest + reach)).astype(np.int64)
+    slots = 2 * len(segments) + 1
+    keys = np.empty(len(segments), np.int64)
+    hash_cells(cells, slots, keys)
+    order = np.argsort(keys, kind="stable")
+    table = np.zeros(slots + 1, np.int64)
+    np.cumsum(np.bincount(keys, minlength=slots), out=table[1:])
+    counts, none = np.empty(len(segments), np.int64), np.empty(0, np.int64)
+    grid = points, samples.strands, samples.is_tip, segments, cells, table, order, moves, reach, limit
+    near_segments(*grid, none, counts, np.empty((0, 2), np.int64), np.empty((0, 2)))
+    begins = np.cumsum(counts) - counts
+    pairs, places = np.empty((counts.sum(), 2), np.int64), np.empty((counts.sum(), 2))
+    near_segments(*grid, begins, counts, pairs, places)
+    return pairs, places
+
+
+def pair_legs(samples: Samples, pairs: Int64, places: Float64) -> tuple[Int32, Float64]:
+    """Elements and arcs (p, 2) of `near_pairs`."""
+    elements = samples.elements[pairs]
+    # the sample before may be the end of the element before
+    before = np.where(samples.elements[pairs - 1] == elements, samples.arcs[pairs - 1], 0.0)
+    return elements, before + places * (samples.arcs[pairs] - before)
+
+
+def pair_contacts(
+    samples: Samples,
+    points: Float64,
+    pairs: Int64,
+    places: Float64,
+    place: Callable[[Int32, Float64], Float64],
+    friction: Float64,
+    radius: Float64,
+) -> ContactSet:
+    """Contacts between strands of `near_pairs`; `place` tells where elements (k,) at arcs (k,) are.
+
+    friction, radius : (S,), of which the mean and the sum count.
+    """
+    elements, arcs = pair_legs(samples, pairs, places)
+    legs = place(elements.T.ravel(), arcs.T.ravel()).reshape(2, -1, 3)
+    along = points[pairs[:, 0]] - points[pairs[:, 0] - 1]
+    apart = legs[0] - legs[1]
+    gaps = np.linalg.norm(apart, axis=1)
+    touching = gaps < 1e-9  # crossing exactly: any direction across both will do
+    if touching.any():
+        others = np.cross(along[touching], np.roll(along[touching], 1, axis=1))
+        apart[touching] = others / np.maximum(np.linalg.norm(others, axis=1), 1e-12)[:, None]
+    normals = apart / np.where(touching, 1.0, gaps)[:, None]
+    strands = samples.strands[pairs]
+    return ContactSet(
+        elements,
+        arcs,
+        contact_axes(normals, along),
+        gaps,
+        radius[strands].sum(axis=1),
+        friction[strands].mean(axis=1),
+        np.full(len(pairs), -1, np.int32),
+        -1 - (pairs[:, 0] * len(samples.arcs) + pairs[:, 1]),
+    )
