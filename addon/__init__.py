@@ -14,16 +14,18 @@ from . import (
     live_details,
     live_flow,
     ops,
+    playback,
     prefs,
     props,
+    simulation_settings,
     tools,
     ui,
     warmup,
 )
 
 _PARTS = (
-    jobs, props, detail_settings, live_details, live_flow, ops, tools, ui, comb_cache, prefs, assets, detail_library,
-    warmup,
+    jobs, props, detail_settings, simulation_settings, live_details, live_flow, playback, ops, tools, ui, comb_cache,
+    prefs, assets, detail_library, warmup,
 )  # fmt: skip
 
 

@@ -80,9 +80,17 @@ class JobOperator:
         """The job's settings, a nested dict."""
         return {}
 
+    def watched(self, sources: dict[str, bpy.types.Object], inputs: Values | None = None) -> Values:
+        """What must be the same when the job is over; `inputs` at its start, when they have just been read."""
+        return self.read(sources) if inputs is None else inputs
+
     def apply(self, context: bpy.types.Context, sources: dict[str, bpy.types.Object], outputs: Values) -> str:
         """Write the outputs into the scene, once; returns what to tell the user."""
         raise NotImplementedError
+
+    def when_cancelled(self) -> str:
+        """What to tell the user who has cancelled the job."""
+        return "nothing was changed"
 
     @reports_errors
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -108,7 +116,7 @@ class JobOperator:
         sources = self.sources(context)
         inputs = self.read(sources)
         self._source_uids = {name: obj.session_uid for name, obj in sources.items()}
-        self._fingerprint = lazy.bridge("fingerprint").fingerprint(inputs)
+        self._fingerprint = lazy.bridge("fingerprint").fingerprint(self.watched(sources, inputs))
         self._running = lazy.workers().WorkerJob(self.bl_label, self.job, inputs, self.params(context))
         status(context).show(self._running.run)
         context.window_manager.modal_handler_add(self)
@@ -143,7 +151,7 @@ class JobOperator:
     def _finish(self, context: bpy.types.Context) -> set[str]:
         run = self._running.run
         if run.state == "CANCELLED":
-            self.report({"INFO"}, f"{run.label} cancelled; nothing was changed")
+            self.report({"INFO"}, f"{run.label} cancelled; {self.when_cancelled()}")
             return {"CANCELLED"}
         if run.state == "FAILED":
             if run.traceback:
@@ -151,7 +159,7 @@ class JobOperator:
             self.report({"ERROR"}, run.error)
             return {"CANCELLED"}
         sources = self._find_sources()
-        if sources is None or lazy.bridge("fingerprint").fingerprint(self.read(sources)) != self._fingerprint:
+        if sources is None or lazy.bridge("fingerprint").fingerprint(self.watched(sources)) != self._fingerprint:
             self.report(
                 {"ERROR"}, f"The hair or the head changed while {run.label} ran; nothing was changed. Run it again"
             )

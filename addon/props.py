@@ -22,6 +22,8 @@ from bpy.props import (
 from .comb_settings import CombSettings
 from .detail_settings import DetailSettings, DetailTransferSettings, TransferSettings
 from .params_group import ParamsGroup
+from .simulation_settings import CLASSES as SIMULATION_CLASSES
+from .simulation_settings import SimulationSettings
 
 
 class WispSettings(ParamsGroup, bpy.types.PropertyGroup):
@@ -272,11 +274,12 @@ class SceneSettings(bpy.types.PropertyGroup):
     synthesis: PointerProperty(type=SynthesisSettings)
     comb: PointerProperty(type=CombSettings)
     details: PointerProperty(type=DetailTransferSettings)
+    simulation: PointerProperty(type=SimulationSettings)
 
 
 CLASSES = (
     WispSettings, HierarchySettings, TextureSettings, TransferSettings, RefineSettings, CleanUpSettings,
-    SynthesisSettings, DetailSettings, DetailTransferSettings, CombSettings, SceneSettings,
+    SynthesisSettings, DetailSettings, DetailTransferSettings, CombSettings, *SIMULATION_CLASSES, SceneSettings,
 )  # fmt: skip
 
 

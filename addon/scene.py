@@ -45,6 +45,13 @@ def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     context.view_layer.objects.active = obj
 
 
+def show_colors(context: bpy.types.Context) -> None:
+    """Colours of strands are seen with materials only: let the 3D view that an operator was called in show them."""
+    space = context.space_data
+    if space is not None and space.type == "VIEW_3D" and space.shading.type in {"SOLID", "WIREFRAME"}:
+        space.shading.type = "MATERIAL"
+
+
 # Why an operator cannot run: a sentence with the remedy, or '' when it can. Polls and panels show the same words.
 
 

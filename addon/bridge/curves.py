@@ -87,6 +87,19 @@ def new_object(name: str, strands: StrandSet, collection: bpy.types.Collection) 
     return obj
 
 
+def new_sibling(
+    name: str, strands: StrandSet, obj: bpy.types.Object, collection: bpy.types.Collection
+) -> bpy.types.Object:
+    """A Curves object with `strands`, placed, parented and hung on its surface exactly as `obj` is."""
+    curves = new_curves(name, strands, obj.matrix_world.inverted())
+    curves.surface, curves.surface_uv_map = obj.data.surface, obj.data.surface_uv_map
+    new = bpy.data.objects.new(name, curves)
+    new.parent, new.parent_type, new.parent_bone = obj.parent, obj.parent_type, obj.parent_bone
+    new.matrix_parent_inverse, new.matrix_basis = obj.matrix_parent_inverse, obj.matrix_basis
+    collection.objects.link(new)
+    return new
+
+
 def replace_strands(obj: bpy.types.Object, strands: StrandSet) -> None:
     """Give `obj` other strands; surface, materials, name and place stay."""
     old = obj.data

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from ..backend.errors import require
-from ..backend.types import StrandSet
+from ..backend.types import Head, StrandSet
 from . import attributes, curves, mesh
 
 DEFAULT_RADIUS = 4e-5  # metres; a human hair is 0.05 to 0.1 mm thick
@@ -21,14 +21,23 @@ def strands_and_head(sources: dict[str, bpy.types.Object]) -> dict[str, Any]:
     ------
     InputError : the head has no scalp region.
     """
-    head_object = sources["head"]
+    return {"head": read_scalp(sources["head"]), "strands": curves.read_strands(sources["groom"])}
+
+
+def read_scalp(head_object: bpy.types.Object) -> Head:
+    """The head with its scalp, world space.
+
+    Raises
+    ------
+    InputError : the head has no scalp region.
+    """
     group = bpy.context.scene.hairloom.scalp_group
     head = mesh.read_head(head_object, group)
     require(
         head.scalp.any(),
         f"'{head_object.name}' has no scalp: no face is in '{group}'; run Set Up Head, or paint that vertex group",
     )
-    return {"strands": curves.read_strands(sources["groom"]), "head": head}
+    return head
 
 
 def synthesis_inputs(sources: dict[str, bpy.types.Object]) -> dict[str, Any]:

@@ -17,12 +17,20 @@ from . import (
     export_groom,
     extract_centers,
     extract_flow,
+    extract_guides,
+    fit_helices,
+    free_cache,
     import_groom,
+    make_guides,
     play_strokes,
+    resume_simulation,
     save_detail,
     save_strokes,
+    select_guides,
     set_up_head,
+    show_helices,
     show_wisps,
+    simulate,
     synthesize,
     transfer_details,
     update_details,
@@ -32,7 +40,8 @@ from . import (
 _MODULES = (
     add_head, set_up_head, import_groom, export_groom, add_starter_groom, attach_to_head, clean_up, cluster_wisps,
     show_wisps, extract_centers, extract_flow, apply_flow, synthesize, comb, play_strokes, save_strokes,
-    transfer_details, update_details, save_detail, apply_detail, cancel_job, warm_up,
+    transfer_details, update_details, save_detail, apply_detail, make_guides, select_guides, extract_guides,
+    fit_helices, show_helices, simulate, resume_simulation, free_cache, cancel_job, warm_up,
 )  # fmt: skip
 
 register, unregister = bpy.utils.register_classes_factory([cls for module in _MODULES for cls in module.CLASSES])

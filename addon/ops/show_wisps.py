@@ -37,10 +37,7 @@ class HAIRLOOM_OT_show_wisps(bpy.types.Operator):
             return {"FINISHED"}
         count = lazy.bridge("wisps").show_colors(groom, self.level, material.WISP_COLOR)
         show_color(groom)
-        space = context.space_data
-        if space is not None and space.type == "VIEW_3D" and space.shading.type in {"SOLID", "WIREFRAME"}:
-            # colours of strands are seen with materials only
-            space.shading.type = "MATERIAL"
+        scene.show_colors(context)
         self.report({"INFO"}, f"{count:,} wisps in colour")
         return {"FINISHED"}
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from . import comb_panel, flow_panel, menus, panels, presets, transfer_panel
+from . import comb_panel, flow_panel, menus, panels, physics_presets, presets, simulation_panel, transfer_panel
 
-_PARTS = (presets, panels, flow_panel, comb_panel, transfer_panel, menus)
+_PARTS = (presets, physics_presets, panels, flow_panel, comb_panel, transfer_panel, simulation_panel, menus)
 
 
 def register() -> None:

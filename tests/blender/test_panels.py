@@ -62,7 +62,7 @@ def draw_all() -> list[tuple[str, str]]:
     parts = scenes.module("ui")._PARTS
     found = {name: getattr(part, name) for part in parts for name in dir(part) if name.startswith("HAIRLOOM_PT_")}
     for panel in found.values():
-        if panel.bl_label != "Synthesis Presets":
+        if not panel.bl_label.endswith("Presets"):
             stand_in = SimpleNamespace(layout=Layout(drawn))
             for method in (getattr(panel, "draw_header", None), panel.draw):
                 if method is not None:

@@ -1,0 +1,13 @@
+import bpy
+
+material = bpy.context.scene.hairloom.simulation.material
+material.young = 3.9
+material.stiffness_scale = 1.0
+material.radius_major = 45.0
+material.radius_minor = 30.0
+material.density = 1300.0
+material.poisson = 0.48
+material.damping = 0.1
+material.drag = 20.0
+material.friction = 0.4
+material.cohesion = 0.5
