@@ -7,7 +7,8 @@ hangs on an element is a quadratic form 1/2 z^T P z - p^T z in its base twist, a
 
     D x = y - C^T z,  D = L L^T:  P := P - E^T E, p := p - E^T yh with E = L^-1 C^T, yh = L^-1 y;  x = L^-T (yh - E z).
 
-Symmetric matrices are tuples of 6 (00, 01, 02, 11, 12, 22), and inverse factors L^-1 too (00, 10, 11, 20, 21, 22). All are summed in a fixed order, and rods do not depend on each other: the same bytes for any number of threads.
+Symmetric matrices are tuples of 6 (00, 01, 02, 11, 12, 22), inverse factors L^-1 too (00, 10, 11, 20, 21, 22). All sums
+have a fixed order, and rods do not depend on each other: the same bytes for any number of threads.
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ def _leg(work: Any, e: int, arc: float) -> tuple[Vector, Matrix]:
 
 
 @summing_device
-def _drift_at(work: Any, s: int, from_root: Vector) -> Vector:
+def _drift_at(work: Any, s: int, from_root: Vector) -> Any:
     """(r~ - r_n)/dt of a point of strand s."""
     return plus(vector(work.drifts, s, 9), times(matrix(work.drifts, s, 0), from_root))
 

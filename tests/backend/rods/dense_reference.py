@@ -1,7 +1,7 @@
 """The rods' mechanics as the equations say it, dense and slow: what the linear-time code is compared with.
 
-One rod at a time. The Jacobian comes from its integral (M-25), J_{i,Q}(s) = int n_i(x) x (r(s) - r(x)) dx over element Q
-up to s, by a fine quadrature; frames from matrix exponentials. Nothing is shared with the package but its data types.
+One rod at a time. The Jacobian comes from its integral (M-25), J_{i,Q}(s) = int n_i(x) x (r(s) - r(x)) dx over
+element Q up to s, by a fine quadrature; frames from matrix exponentials. Nothing is shared with the package.
 """
 
 from __future__ import annotations
@@ -9,24 +9,23 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import expm
 
-NODES, WEIGHTS = (0.5 * np.polynomial.legendre.leggauss(3)[0] + 0.5, 0.5 * np.polynomial.legendre.leggauss(3)[1])
-FINE_NODES, FINE_WEIGHTS = (
-    0.5 * np.polynomial.legendre.leggauss(24)[0] + 0.5,
-    0.5 * np.polynomial.legendre.leggauss(24)[1],
-)
+NODES = 0.5 * np.polynomial.legendre.leggauss(3)[0] + 0.5
+WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(3)[1]
+FINE_NODES = 0.5 * np.polynomial.legendre.leggauss(24)[0] + 0.5
+FINE_WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(24)[1]
 
 
 def cross_matrix(v: np.ndarray) -> np.ndarray:
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
-def helix(q: np.ndarray, s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frame (3, 3) and offset (3,) at s in the element's own axes, by one exponential of the 4 x 4 twist."""
+def helix(q: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Frames (n, 3, 3) and offsets (n, 3) at s (n,) in the element's own axes: exponentials of the 4 x 4 twist."""
     twist = np.zeros((4, 4))
     twist[:3, :3] = cross_matrix(q)
     twist[0, 3] = 1.0
-    pose = expm(twist * s)
-    return pose[:3, :3], pose[:3, 3]
+    poses = expm(twist * np.atleast_1d(s)[:, None, None])
+    return poses[:, :3, :3], poses[:, :3, 3]
 
 
 class DenseRod:
@@ -38,7 +37,8 @@ class DenseRod:
         for q, length in zip(curvatures, lengths):
             at, turned = self.bases[-1]
             rotation, offset = helix(q, length)
-            self.bases.append((at + turned @ offset, turned @ rotation))
+            self.bases.append((at + turned @ offset[0], turned @ rotation[0]))
+        self._whole = [self._fine(e, length) for e, length in enumerate(lengths)]
 
     @property
     def n_elements(self) -> int:
@@ -48,18 +48,22 @@ class DenseRod:
         """Position (3,) and frame (3, 3), world."""
         at, turned = self.bases[element]
         rotation, offset = helix(self.curvatures[element], s)
-        return at + turned @ offset, turned @ rotation
+        return at + turned @ offset[0], turned @ rotation[0]
+
+    def _fine(self, element: int, reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions, frames and weights of a quadrature from the element's start to `reach`."""
+        at, turned = self.bases[element]
+        rotations, offsets = helix(self.curvatures[element], FINE_NODES * reach)
+        return at + offsets @ turned.T, turned @ rotations, FINE_WEIGHTS * reach
 
     def jacobian(self, element: int, s: float) -> np.ndarray:
         """(3, 3N): d r(element, s) / d q."""
         here = self.place(element, s)[0]
         result = np.zeros((3, 3 * self.n_elements))
         for lower in range(element + 1):
-            reach = self.lengths[lower] if lower < element else s
-            for node, weight in zip(FINE_NODES, FINE_WEIGHTS):
-                at, frame = self.place(lower, node * reach)
-                for i in range(3):
-                    result[:, 3 * lower + i] += weight * reach * np.cross(frame[:, i], here - at)
+            points, frames, weights = self._whole[lower] if lower < element else self._fine(element, s)
+            for i in range(3):
+                result[:, 3 * lower + i] = weights @ np.cross(frames[:, :, i], here - points)
         return result
 
     def quadrature(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -93,9 +97,9 @@ def step(
     Returns rates (N, 3), velocities (3N, 3), the root's impulse (3,) from the momentum balance, and the matrix Mhat.
     `impulse` (3N,) is H^T lambda; its momentum is left to the caller.
     """
-    points, shares, jacobians = rod.quadrature()
+    _, shares, jacobians = rod.quadrature()
     m, nu, air = shares * np.repeat(mass, 3), shares * np.repeat(drag, 3), np.repeat(wind, 3, axis=0)
-    a = (np.repeat(rod.lengths, 3) * stiffness.ravel()) if stiffness.ndim == 2 else stiffness
+    a = (rod.lengths[:, None] * stiffness).ravel()
     matrix = np.einsum("p,pik,pil->kl", m + dt * nu, jacobians, jacobians) + np.diag(a * dt * (damping + dt))
     pulled = m[:, None] * (old_velocities - drift + dt * gravity) + dt * nu[:, None] * (air - drift)
     right = np.einsum("pik,pi->k", jacobians, pulled) - dt * a * (rod.curvatures - rest).ravel()

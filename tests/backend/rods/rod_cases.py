@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from hairloom.rods.helices import Helices
+from hairloom.rods.dynamics import Stepper
+from hairloom.rods.helices import Helices, evaluate
 from hairloom.rods.material import MaterialParams
 from hairloom.rods.model import Rods, RodState, initial_state, make_rods
 from scipy.spatial.transform import Rotation
@@ -53,3 +54,20 @@ def straight(n_elements: int, length: float, direction: tuple[float, float, floa
 
 def soft_rods(helices: Helices, **changes: float) -> Rods:
     return make_rods(helices, MaterialParams(**{"stiffness_scale": 10.0, **changes}))  # type: ignore[arg-type]
+
+
+def relax(rods: Rods, state: RodState, gravity: np.ndarray, dt: float, tolerance: float, max_steps: int = 5000) -> int:
+    """Step with roots at rest until the rods move slower than `tolerance` m/s; returns the steps this took."""
+    stepper, still = Stepper(rods), np.zeros((rods.n_elements, 3))
+    for count in range(1, max_steps + 1):
+        stepper.begin(state, state.roots, state.frames, dt, gravity, still)
+        stepper.end(state)
+        if np.abs(state.velocities).max() < tolerance:
+            return count
+    raise AssertionError(f"not at rest after {max_steps} steps: {np.abs(state.velocities).max():g} m/s")
+
+
+def points_of(helices: Helices, state: RodState, n_points: int = 2) -> np.ndarray:
+    """(S, n, 3) of a state, the last one the tip."""
+    moved = Helices(state.roots, state.frames, helices.offsets, helices.lengths, state.curvatures)
+    return evaluate(moved, n_points)[0]
