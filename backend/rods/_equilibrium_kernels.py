@@ -12,7 +12,7 @@ from ..kernels import device, parallel_kernel
 from ..types import Float64, Int64
 
 # Steps within one contact before the next one has its turn.
-_LOCAL_STEPS = 4
+_LOCAL_STEPS = 8
 # Part of a direction that must be new for it to count as held.
 _NEW_DIRECTION = 1e-6
 
@@ -68,6 +68,7 @@ def least_bending(
     row_elements: Int64,
     rows: Float64,
     friction: Float64,
+    force_cost: Float64,
     compliance: Float64,
     tolerance: float,
     iterations: int,
@@ -75,12 +76,13 @@ def least_bending(
     forces: Float64,
     sweeps: Int64,
 ) -> None:
-    """min over forces r in Coulomb's cones of 1/2 z^T A z, z = A^-1 (f + H^T r), by block Gauss-Seidel (M-26).
+    """min over forces r in Coulomb's cones of 1/2 z^T A z + 1/2 sum_c cost_c |r_c|^2, z = A^-1 (f + H^T r) (M-26).
 
-    Islands of contacts order[island_offsets[i]:island_offsets[i + 1]] share no rod. Contact c has the rows (r, 3, 3) of
-    H from row_offsets[c] on, in its own axes (normal, two tangents), of row_elements. compliance (E, 3): A^-1.
-    bending (E, 3): z, in and out; forces (c, 3), N in contact axes, in and out. Ends when a sweep's steps, squared in
-    the local metric, are below tolerance of those of the first; sweeps (I,) says how many it took.
+    By block Gauss-Seidel. Islands of contacts order[island_offsets[i]:island_offsets[i + 1]] share no rod. Contact c has
+    the rows (r, 3, 3) of H from row_offsets[c] on, in its own axes (normal, two tangents), of row_elements.
+    compliance (E, 3): A^-1. bending (E, 3): z, in and out; forces (c, 3), N in contact axes, in and out. Ends when a
+    sweep's steps, squared in the local metric, are below tolerance of those of the first; sweeps (I,) says how many it
+    took.
     """
     for i in prange(len(island_offsets) - 1):
         change, u, w = np.empty(3), np.empty(3), np.empty((3, 3))
@@ -90,7 +92,9 @@ def least_bending(
             for k in range(island_offsets[i], island_offsets[i + 1]):
                 c = order[k]
                 w[:] = 0.0
-                u[:] = 0.0
+                for a in range(3):
+                    w[a, a] = force_cost[c]
+                    u[a] = force_cost[c] * forces[c, a]
                 for row in range(row_offsets[c], row_offsets[c + 1]):
                     e = row_elements[row]
                     for a in range(3):

@@ -28,6 +28,7 @@ from .support import (
     find_supports,
     held_legs,
     least_bending_forces,
+    rod_means,
     world_forces,
 )
 
@@ -43,6 +44,8 @@ class EquilibriumParams:
 
     scale_stiffness : make unstable guides stiffer. margin : the smallest eigenvalue to reach (1: as without gravity;
     0: about to fold). largest_scale : the greatest factor; a guide that needs more is reported as unstable.
+    force_cost : how much a contact force of the guide's weight costs, in parts of the energy of bending that gravity
+    asks for without contacts; 0 is the least bending whatever the forces.
     friction_share : of the friction coefficient that resting contacts may use, so that they do not slip at once.
     tolerance, iterations : of the contact forces; they only decide how little the natural shape bends.
     """
@@ -50,6 +53,7 @@ class EquilibriumParams:
     scale_stiffness: bool = True
     margin: float = 0.1
     largest_scale: float = 1000.0
+    force_cost: float = 1e-3
     friction_share: float = 0.9
     tolerance: float = 1e-8
     iterations: int = 200
@@ -57,6 +61,7 @@ class EquilibriumParams:
     def __post_init__(self) -> None:
         require(0.0 <= self.margin < 1.0, f"margin is {self.margin:g}; it must be at least 0 and below 1")
         require(1.0 <= self.largest_scale < 1e12, f"largest_scale is {self.largest_scale:g}; it must be 1 or more")
+        require(0.0 <= self.force_cost < 1e6, f"force_cost is {self.force_cost:g}; it must be 0 or more")
         require(0.0 <= self.friction_share <= 1.0, f"friction_share is {self.friction_share:g}; it must be from 0 to 1")
         require(0.0 <= self.tolerance < 1.0, f"tolerance is {self.tolerance:g}; it must be at least 0 and below 1")
         require(self.iterations >= 1, f"iterations is {self.iterations}; it must be 1 or more")
@@ -171,12 +176,14 @@ class _Problem:
         self.pose = pose_rods(helices)
         self.weights = gravity_loads(rods, gravity)
         self.weight = load_force(helices, self.pose, self.weights)
-        hold = np.bincount(self.owner, rods.mass * rods.lengths, len(rods.friction))
-        self.least_hold = _LEAST_HOLD * hold * np.linalg.norm(gravity)
+        mass = np.bincount(self.owner, rods.mass * rods.lengths, len(rods.friction))
+        self.total_weight = mass * np.linalg.norm(gravity)
         self.supports = _supports(helices, self.pose, contacts)
         self.n_turns = _TURNS_OF_PAIRS if (self.supports.signs < 0.0).any() else 1
 
     def carry(self, stiffness: Float64, start: Float64) -> tuple[Float64, int]:
+        work = np.bincount(self.owner, (self.weight**2 / stiffness).sum(axis=1), len(self.total_weight))
+        cost = self.params.force_cost * work / np.maximum(self.total_weight, 1e-300) ** 2
         return least_bending_forces(
             self.supports,
             len(self.helices.roots),
@@ -184,6 +191,7 @@ class _Problem:
             stiffness,
             start,
             friction=self.params.friction_share * self.supports.friction,
+            force_cost=rod_means(self.supports, cost),
             tolerance=self.params.tolerance,
             iterations=self.params.iterations,
         )
@@ -192,7 +200,7 @@ class _Problem:
         loads, held = self.weights, None
         if len(forces) > 0:
             loads = join_loads(loads, contact_loads(self.supports, forces))
-            held = held_legs(self.supports, forces, self.least_hold)
+            held = held_legs(self.supports, forces, _LEAST_HOLD * self.total_weight)
         change = load_stiffness(self.helices, self.pose, loads)
         return smallest_eigenvalues(self.helices.offsets.astype(np.int64), stiffness, change, held)
 

@@ -2,7 +2,9 @@
 
 min over forces r in Coulomb's cones of 1/2 (f + H^T r)^T A^-1 (f + H^T r): a convex second-order cone programme. Every
 force in its cone gives an equilibrium exactly, whether it is the minimum or not, since the natural shape follows from
-it; the minimum only bends least. De Saxce's term of moving contacts has no place here: nothing moves.
+it; the minimum only bends least. A small cost of the forces themselves keeps contacts beside the root, where forces of
+a thousand weights hardly bend the strand, from having those; without it the minimum is also slow to find, or not
+unique. De Saxce's term of moving contacts has no place here: nothing moves.
 """
 
 from __future__ import annotations
@@ -61,7 +63,7 @@ def find_supports(
 
 def _islands(supports: Supports, n_rods: int) -> tuple[Int64, Int64]:
     """Contacts in order of islands, whose rods do not touch those of others, and where each island begins (I + 1,)."""
-    rods = np.searchsorted(supports.leg_offsets, np.arange(len(supports.contacts)), side="right") - 1
+    rods = _rods_of_legs(supports)
     first, second = (rods[supports.signs == sign] for sign in (1.0, -1.0))
     of_first, of_second = (supports.contacts[supports.signs == sign] for sign in (1.0, -1.0))
     rod = np.empty(len(supports.friction), np.int64)
@@ -80,13 +82,14 @@ def least_bending_forces(
     start: Float64,
     *,
     friction: Float64,
+    force_cost: Float64,
     tolerance: float,
     iterations: int,
 ) -> tuple[Float64, int]:
     """Forces r (c, 3), N in the contacts' axes on the first leg, and the most sweeps of any island.
 
     force (E, 3): f. stiffness (E, 3): diagonal of A, N m^3. start (c, 3): forces to begin with. friction (c,): of the
-    cones. The kernel's docstring says what tolerance and iterations are.
+    cones. force_cost (c,): m/N of a force. The kernel's docstring says what tolerance and iterations are.
     """
     forces, compliance = start.copy(), 1.0 / stiffness
     bending = compliance * (force + contact_force(supports, forces, len(stiffness)))
@@ -101,7 +104,7 @@ def least_bending_forces(
     row_offsets = np.concatenate([[0], np.cumsum(of_contact)]).astype(np.int64)
     sweeps = np.zeros(len(islands) - 1, np.int64)
     kernels.least_bending(
-        islands, order, row_offsets, supports.row_elements[rows], supports.rows[rows], friction, compliance,
+        islands, order, row_offsets, supports.row_elements[rows], supports.rows[rows], friction, force_cost, compliance,
         tolerance, iterations, bending, forces, sweeps,
     )  # fmt: skip
     return forces, int(sweeps.max())
@@ -113,6 +116,18 @@ def contact_force(supports: Supports, forces: Float64, n_elements: int) -> Float
     result = np.zeros((n_elements, 3))
     np.add.at(result, supports.row_elements, np.einsum("rij,ri->rj", supports.rows, forces[place]))
     return result
+
+
+def rod_means(supports: Supports, values: Float64) -> Float64:
+    """(c,) of values (S,) of rods, for each contact; of two rods the mean."""
+    rods = _rods_of_legs(supports)
+    counts = np.bincount(supports.contacts, minlength=len(supports.friction))
+    means: Float64 = np.bincount(supports.contacts, values[rods], len(supports.friction)) / counts
+    return means
+
+
+def _rods_of_legs(supports: Supports) -> Int64:
+    return np.searchsorted(supports.leg_offsets, np.arange(len(supports.contacts)), side="right") - 1
 
 
 def world_forces(supports: Supports, forces: Float64) -> Float64:
@@ -133,7 +148,7 @@ def held_legs(supports: Supports, forces: Float64, least: Float64) -> HeldLegs:
     least : (S,) N, normal force below which a contact of that rod does not count as holding.
     """
     normal, tangential = forces[:, 0], np.hypot(forces[:, 1], forces[:, 2])
-    rods = np.searchsorted(supports.leg_offsets, np.arange(len(supports.contacts)), side="right") - 1
+    rods = _rods_of_legs(supports)
     is_held = np.zeros((len(supports.contacts), 3), np.bool_)
     sticks = tangential < (1.0 - 1e-6) * supports.friction * normal
     is_held[:, 0] = normal[supports.contacts] > least[rods]

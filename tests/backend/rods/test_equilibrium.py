@@ -228,7 +228,7 @@ def test_forces_bend_least(on_solids: int, pairs: int) -> None:
     stiffness = rods.lengths[:, None] * rods.stiffness
     supports = find_supports(helices, pose, contacts.elements, contacts.arcs, contacts.axes, contacts.friction)
     count = on_solids + pairs
-    unit = np.sqrt((weight**2 / stiffness).sum())
+    unit, whole = np.sqrt((weight**2 / stiffness).sum()), rods.mass[0] * 9.81 * 0.2
 
     def deflection(forces: Float64) -> Float64:
         return ((weight + contact_force(supports, forces, len(weight))) / np.sqrt(stiffness)).ravel() / unit
@@ -240,14 +240,20 @@ def test_forces_bend_least(on_solids: int, pairs: int) -> None:
         forces = np.zeros((count, 3))
         forces[contact] = edges[edge] * rods.mass[0] * 9.81
         columns[:, contact, edge] = deflection(forces) - deflection(np.zeros((count, 3)))
-    reference = nnls(columns.reshape(len(columns), -1), -deflection(np.zeros((count, 3))))[1] ** 2
+    # rows of the forces' cost: 1e-3 of the energy for a force of the weight
+    cost = np.sqrt(1e-3)
+    rows = np.einsum("ab,kx->akbx", np.eye(count), edges.T).reshape(3 * count, -1) * cost / 0.2
+    columns = np.concatenate([columns.reshape(len(columns), -1), rows])
+    aim = np.concatenate([-deflection(np.zeros((count, 3))), np.zeros(3 * count)])
+    reference = nnls(columns, aim)[1] ** 2
 
     def energy(iterations: int, tolerance: float) -> float:
         forces, _ = least_bending_forces(
             supports, 2, weight, stiffness, np.zeros((count, 3)),
-            friction=contacts.friction, tolerance=tolerance, iterations=iterations,
+            friction=contacts.friction, force_cost=np.full(count, (cost * unit / whole) ** 2), tolerance=tolerance,
+            iterations=iterations,
         )  # fmt: skip
-        return float((deflection(forces) ** 2).sum())
+        return float((deflection(forces) ** 2).sum() + ((cost / whole * forces) ** 2).sum())
 
     assert reference < 0.95  # of the energy without contacts
     # the cone of edges is inside the round one, by at most 1 - cos(pi / 200) = 1.2e-4 of its width
