@@ -18,7 +18,7 @@ def add_errors(
 ) -> None:
     """Add a frame to products (n, N, K, K): of the errors of two guides' motions around a knot, the dot products.
 
-    motions (G, M, 12) as in `_interpolation_kernels`; guides (n, K); rest and now (n, M, 3): the hairs at the samples.
+    motions (G, 12, M) as in `_interpolation_kernels`; guides (n, K); rest and now (n, M, 3): the hairs at the samples.
     A sample counts for the knots before and after it by how near it is.
     """
     n_hairs, n_samples = rest.shape[:2]
@@ -30,11 +30,11 @@ def add_errors(
             knot = min(int(place), n_knots - 2)
             share = place - knot
             for neighbour in range(n_neighbours):
-                motion = motions[guides[hair, neighbour], sample]
+                motion = motions[guides[hair, neighbour]]
                 for axis in range(3):
-                    moved = rest[hair, sample, axis] + motion[9 + axis]
+                    moved = rest[hair, sample, axis] + motion[9 + axis, sample]
                     for column in range(3):
-                        moved += motion[3 * column + axis] * (rest[hair, sample, column] - centre[column])
+                        moved += motion[3 * column + axis, sample] * (rest[hair, sample, column] - centre[column])
                     errors[neighbour, axis] = moved - now[hair, sample, axis]
             for a in range(n_neighbours):
                 for b in range(n_neighbours):

@@ -269,10 +269,10 @@ def keep_out(
 
 
 def motions_of_guides(followers: Followers, points: Float64, frames: Float64) -> tuple[Float32, Float64]:
-    """(G, M, 12) float32: what the guides do to the hair, as the kernels want it; and the centre (3,) it is about."""
+    """(G, 12, M) float32: what the guides do to the hair, as the kernels want it; and the centre (3,) it is about."""
     # a centre that float32 holds exactly: the hair's offsets from it are then those that the motions are for
     centre = followers.guide_points[:, 0].mean(axis=0).astype(np.float32).astype(np.float64)
-    motions = np.empty((*points.shape[:2], 12), np.float32)
+    motions = np.empty((len(points), 12, points.shape[1]), np.float32)
     guide_motions(
         np.ascontiguousarray(followers.guide_points),
         np.ascontiguousarray(followers.guide_frames),
