@@ -253,7 +253,7 @@ class Players:
         uid = curves.session_uid
         if uid not in self._groom_fingerprints:
             self._groom_fingerprints[uid] = lazy.bridge("playback").groom_fingerprint(curves)
-        of_groom, _, of_settings = reader.fingerprint.partition("-")
+        of_groom, of_settings, *_ = (*reader.fingerprint.split("-"), "", "")  # a third part is of the scene
         if of_groom and of_groom != self._groom_fingerprints[uid]:
             return STALE, "The groom was changed after this simulation: simulate again"
         if of_settings and of_settings != _settings_fingerprint():

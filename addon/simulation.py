@@ -126,9 +126,10 @@ def remember_fit(groom: bpy.types.Object, report: Values) -> str:
 
 
 def remember_report(groom: bpy.types.Object, report: Values, remarks: Sequence[str]) -> str:
-    """Note what the simulation said, a remark a line, for the panel; returns the first line for the user."""
-    groom.hairloom_simulation.report = "\n".join([_summary(report), *_rest_remarks(report["equilibrium"]), *remarks])
-    return f"{groom.name}: {groom.hairloom_simulation.report.replace(chr(10), '; ')}"
+    """Note what the simulation said, a remark a line, for the panel; returns them in one line for the user."""
+    lines = [_summary(report), *_rest_remarks(report["equilibrium"] or {}), *remarks]
+    groom.hairloom_simulation.report = "\n".join(lines)
+    return f"{groom.name}: {'; '.join(lines)}"
 
 
 def _summary(report: Values) -> str:
@@ -137,7 +138,9 @@ def _summary(report: Values) -> str:
 
 def _rest_remarks(equilibrium: Values) -> list[str]:
     """What the artist must know of the rest shape."""
-    found = []
+    found: list[str] = []
+    if not equilibrium:
+        return found
     if equilibrium["n_scaled"]:
         found.append(
             f"{equilibrium['n_scaled']:,} guides were stiffened to stand in their pose, "

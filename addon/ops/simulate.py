@@ -33,9 +33,9 @@ class SimulationJob(JobOperator):
             collide_head=settings.collide_head,
         )
         self._remarks = reading.remarks
-        inputs = bridge.simulation_inputs(reading, sources["groom"])
         self._groom = sources["groom"].name
-        return inputs
+        self._scene_mark = lazy.bridge("fingerprint").fingerprint({"scene": reading.scene})[:12]
+        return bridge.simulation_inputs(reading, sources["groom"])
 
     def watched(self, sources: dict[str, bpy.types.Object], inputs: Values | None = None) -> Values:
         # the groom alone: reading the whole scene again takes long, and what else changed is simulated the next time
@@ -47,7 +47,8 @@ class SimulationJob(JobOperator):
         return {
             **scene.settings(context).simulation.to_params(),
             "cache": str(self._folder),
-            "fingerprint": playback.fingerprint(groom),
+            # a simulation goes on only in the scene that it began in
+            "fingerprint": f"{playback.fingerprint(groom)}-{self._scene_mark}",
             "resume": self.is_resumed,
         }
 
