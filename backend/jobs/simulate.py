@@ -96,9 +96,9 @@ class Setting:
         hairs = np.bincount(wisps, minlength=len(guides)).astype(np.float64)
         rods = make_rods(fit.helices, params.material, hairs=hairs, radius=params.simulation.contact.radius)
         progress(0.1, "Finding the rest shape")
-        of_guides = replace(scene, root_motion=np.ascontiguousarray(scene.root_motion[:, guides]))
-        moving = of_guides if len(scene.root_motion) else scene
-        simulation = Simulation(rods, fit.helices, moving, params.simulation)
+        bends = len(scene.root_motion) > 0
+        moving = np.ascontiguousarray(scene.root_motion[:, guides]) if bends else scene.root_motion
+        simulation = Simulation(rods, fit.helices, replace(scene, root_motion=moving), params.simulation)
         progress(0.4, "Binding the hair to the guides")
         followers = bind_followers(strands, fit.helices, params.followers, guides=guides, wisps=wisps)
         if params.followers.training:
@@ -106,7 +106,7 @@ class Setting:
             followers = train_followers(
                 followers, strands, fit.helices, params.material, params.followers, progress=part
             )
-        depths = rest_depths(strands.points, simulation.solids(0.0, 0.0))
+        depths = rest_depths(followers, simulation.solids(0.0, 0.0))
         return cls(simulation, scene, fit, followers, object_motion, depths, strands.points.copy())
 
     def place(self) -> Float32:
