@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from ..geometry.head import read_head
 from ..io.files import read_file
 from ..io.npz import read_arrays
 from ..io.units import Units
+from ..rods.material import PRESETS
 from ..rods.scene import CollisionMesh, ForceField, Scene
 from ..types import Float64, Head
 
@@ -54,6 +55,7 @@ def read_scene_file(path: Path) -> SceneFile:
     _check_names(table, _SCENE_KEYS, str(path))
     folder = path.parent
     fps, n_frames = _number(table, "fps", 24.0), int(_number(table, "frames", 0))
+    require(fps > 0, f"fps is {fps:g}; it must be above 0")
     require(0 <= n_frames <= _MOST_FRAMES, f"frames is {n_frames}; it must be from 1 to {_MOST_FRAMES:,}")
     motion = _motion(table.get("motion", {}), folder, fps, n_frames)
     head_table = table.get("head", {})
@@ -76,7 +78,7 @@ def read_scene_file(path: Path) -> SceneFile:
         fields=tuple(_field(one, len(motion)) for one in _tables(table, "field")),
         gravity=_vector(table, "gravity", (0.0, 0.0, -9.81)),
     )
-    return SceneFile(scene, head, dict(table.get("settings", {})), dict(table.get("guides", {})))
+    return SceneFile(scene, head, _settings(table.get("settings", {})), dict(table.get("guides", {})))
 
 
 # --- parts --------------------------------------------------------------------------------------------------------
@@ -150,6 +152,17 @@ def _field(table: Table, n_frames: int) -> ForceField:
         size=_number(table, "size", 0.1),
         seed=int(_number(table, "seed", 0)),
     )
+
+
+def _settings(table: Table) -> dict[str, Any]:
+    """The settings with `preset` of the material filled in: what is said beside it comes on top."""
+    settings = dict(table)
+    material = dict(settings.get("material", {}))
+    if "preset" in material:
+        preset = material.pop("preset")
+        require(preset in PRESETS, f"there is no preset '{preset}'; the presets are {', '.join(PRESETS)}")
+        settings["material"] = asdict(PRESETS[preset]) | material
+    return settings
 
 
 # --- values -------------------------------------------------------------------------------------------------------
