@@ -57,6 +57,7 @@ def _add_fit(parser: argparse.ArgumentParser) -> None:
         ("l-max", float, "m; longer strands are long"),
         ("tolerance", float, "m; strands with a larger RMS distance get more elements; 0: the paper's numbers"),
         ("samples-per-segment", int, "points of a strand for each segment of its spline"),
+        ("polish", int, "least-squares steps after the fit, with the same elements; 0: the paper"),
     ):
         default = getattr(defaults, name.replace("-", "_"))
         parser.add_argument(f"--{name}", type=kind, default=default, help=f"{text} (default: {default})")
@@ -66,6 +67,7 @@ def _fit_helices(options: argparse.Namespace, clock: Clock, progress: Progress) 
     params = FitParams(
         n_min=options.n_min, n_max=options.n_max, l_min=options.l_min, l_max=options.l_max,
         n_elements=options.n_elements, tolerance=options.tolerance, samples_per_segment=options.samples_per_segment,
+        polish=options.polish,
     )  # fmt: skip
     clock("read")
     strands = _groom(options)

@@ -13,10 +13,16 @@ from .geometry.collider import comb_collider
 from .geometry.head import default_head
 from .geometry.roots import scatter_roots
 from .geometry.scalp_space import fit_scalp_space, unroot_strands
+from .geometry.strands import select_strands
 from .kernels import KERNELS
 from .progress import NO_PROGRESS, Progress, subrange
-from .rods.fitting import fit_helices
+from .rods.contacts import Solid
+from .rods.fitting import FitParams, fit_helices
+from .rods.guides import choose_guides
 from .rods.helices import evaluate
+from .rods.interpolation import FollowerParams, bind_followers, interpolate, keep_out, rest_depths
+from .rods.material import MaterialParams
+from .rods.training import train_followers
 from .synthesis.detail_transfer import transfer_style
 from .synthesis.details import reduce_details
 from .synthesis.hierarchy import HierarchyParams
@@ -48,9 +54,11 @@ def compile_all(progress: Progress = NO_PROGRESS) -> int:
     session.update(flow)
     session.marks()
     progress(0.97, "Compiling: rods")
-    evaluate(fit_helices(strands).helices, 2)
+    evaluate(fit_helices(strands, FitParams(polish=1)).helices, 2)
     progress(0.98, "Compiling: comb")
     _comb_in_all_modes(strands, head)
+    progress(0.99, "Compiling: followers")
+    _follow(strands, head)
     return sum(bool(kernel.dispatcher.signatures) for kernel in KERNELS)
 
 
@@ -67,3 +75,18 @@ def _comb_in_all_modes(strands: StrandSet, head: Head) -> None:
     for collider in (None, comb_collider([head], strands.roots)):
         combed = comb(strands, wisps, strokes, collider)
     return_to_object(combed.points, strands.points, strands.points, frame)
+
+
+def _follow(strands: StrandSet, head: Head) -> None:
+    """All hair after a fourth of it, with trained weights, on roots that move, kept out of the head."""
+    guides, wisps = choose_guides(strands, np.arange(strands.n_strands, dtype=np.int32) // 4)
+    helices = fit_helices(select_strands(strands, guides)).helices
+    params = FollowerParams(training_strands=4, training_frames=2)
+    followers = bind_followers(strands, helices, params, guides=guides, wisps=wisps)
+    followers = train_followers(followers, strands, helices, MaterialParams(), params)
+    # the head half a centimetre further than the hair
+    solid = Solid(comb_collider([head], strands.roots), np.eye(4), np.eye(4), 0.0)
+    solid.matrix[2, 3] = 0.005
+    points = np.empty_like(strands.points)
+    interpolate(followers, *evaluate(helices, params.n_samples), points, roots=np.eye(4)[None, :3])
+    keep_out(followers, points, [solid], rest_depths(followers, [solid]))

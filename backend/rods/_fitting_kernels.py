@@ -10,6 +10,7 @@ from numba import prange
 
 from ..kernels import device, parallel_kernel
 from ._helix_kernels import advance, turn_coefficients
+from ._natural_kernels import STUB_LENGTH
 from ._spline_kernels import cut, fit_spline, measure_arcs, merge_points
 
 _CHUNK = 32  # strands that share work arrays; fixed, so that results do not depend on the thread count
@@ -17,7 +18,6 @@ _CHUNK = 32  # strands that share work arrays; fixed, so that results do not dep
 _EQUAL_TANGENTS = 1e-9
 # An element is at least so long, as a share of the strand's length.
 _SHORTEST_ELEMENT = 1e-4
-STUB_LENGTH = 1e-4  # metres; shorter strands become one straight element of this length
 
 
 @device

@@ -13,13 +13,15 @@ from typing import Any
 import numpy as np
 
 from ..errors import require
-from ..progress import NO_PROGRESS, Progress
-from ..types import Bools, Float64, StrandSet, check_array
+from ..progress import NO_PROGRESS, Progress, subrange
+from ..types import Bools, Float64, Int32, StrandSet, check_array
 from ._fitting_kernels import fit_strands
 from .helices import Helices
+from .natural import NaturalParams, improve_helices
 
 MOST_ELEMENTS = 1000
 _BATCH = 20_000  # strands between two calls of progress
+_POLISH_TWIST = 1e-4  # m / rad: what twist costs, so that only the shape's own is left
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +32,8 @@ class FitParams:
     ones n_max. n_elements : 0 adaptive, else this number for every strand (the floating tangents of before).
     tolerance : m; adaptive strands whose RMS distance is above it get more elements, n_max at most; 0 is the paper.
     samples_per_segment : points of a strand for each Bezier segment, 1 or more.
+    polish : Levenberg-Marquardt steps after the fit, at the same number of elements (`natural`); 0 is the paper.
+    5 halve the distance or better, and take out twist that the shape does not need and that would stiffen the strand.
     """
 
     n_min: int = 3
@@ -39,6 +43,7 @@ class FitParams:
     n_elements: int = 0
     tolerance: float = 0.0005
     samples_per_segment: int = 3
+    polish: int = 0
 
     def __post_init__(self) -> None:
         require(self.n_min >= 1, f"n_min is {self.n_min}; it must be 1 or more")
@@ -57,6 +62,7 @@ class FitParams:
             1 <= self.samples_per_segment <= 1000,
             f"samples_per_segment is {self.samples_per_segment}; it must be from 1 to 1000",
         )
+        require(0 <= self.polish <= 1000, f"polish is {self.polish}; it must be from 0 (off) to 1000")
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,9 +127,26 @@ def fit_helices(
     HelixFit in the space of `strands`; results do not depend on the number of threads.
     """
     count = strands.n_strands
-    width = params.n_elements or params.n_max
-    n_elements, errors = np.empty(count, np.int32), np.empty((count, 2))
-    frames = np.empty((count, 3, 3))
+    n_elements, errors, frames = np.empty(count, np.int32), np.empty((count, 2)), np.empty((count, 3, 3))
+    lengths, curvatures = _fit_batches(strands, params, n_elements, frames, errors, subrange(progress, 0.0, 0.5))
+    degenerate = n_elements == 0
+    offsets = np.concatenate([[0], np.cumsum(np.maximum(n_elements, 1))]).astype(np.int32)
+    helices = Helices(strands.roots.astype(np.float64), frames, offsets, lengths, curvatures)
+    if params.polish > 0:
+        progress(0.5, "Polishing helices")
+        polished = improve_helices(strands, helices, NaturalParams(params.polish, twist_weight=_POLISH_TWIST))
+        helices = polished.helices
+        fitted = ~degenerate
+        errors[fitted, 0], errors[fitted, 1] = polished.rms[fitted], polished.maximum[fitted]
+    progress(1.0, "Fitting helices")
+    return HelixFit(helices, errors[:, 0].copy(), errors[:, 1].copy(), degenerate)
+
+
+def _fit_batches(
+    strands: StrandSet, params: FitParams, n_elements: Int32, frames: Float64, errors: Float64, progress: Progress
+) -> tuple[Float64, Float64]:
+    """Floating tangents; n_elements (S,), frames (S, 3, 3), errors (S, 2) are written, lengths, curvatures returned."""
+    count, width = strands.n_strands, params.n_elements or params.n_max
     lengths, curvatures = np.empty((min(count, _BATCH), width)), np.empty((min(count, _BATCH), width, 3))
     points = np.ascontiguousarray(strands.points)
     settings = (params.n_min, params.n_max, params.n_elements, float(params.l_min), float(params.l_max))
@@ -138,10 +161,4 @@ def fit_helices(
         used = np.arange(width) < np.maximum(n_elements[first:end], 1)[:, None]
         used_lengths.append(lengths[: end - first][used])
         used_curvatures.append(curvatures[: end - first][used])
-    degenerate = n_elements == 0
-    offsets = np.concatenate([[0], np.cumsum(np.maximum(n_elements, 1))]).astype(np.int32)
-    helices = Helices(
-        strands.roots.astype(np.float64), frames, offsets, np.concatenate(used_lengths), np.concatenate(used_curvatures)
-    )
-    progress(1.0, "Fitting helices")
-    return HelixFit(helices, errors[:, 0].copy(), errors[:, 1].copy(), degenerate)
+    return np.concatenate(used_lengths), np.concatenate(used_curvatures)

@@ -15,7 +15,14 @@ from ..types import Float32, Float64
 from .helices import Helices
 
 FORMAT, VERSION = "hairloom-helices", 1
-_SHAPES = {"roots": 3, "rotations": 4, "curvatures": 3}
+# Kind and shape, but for the first axis, of each array.
+_ARRAYS = {
+    "roots": ("f", (3,)),
+    "rotations": ("f", (4,)),
+    "counts": ("i", ()),
+    "lengths": ("f", ()),
+    "curvatures": ("f", (3,)),
+}
 
 
 def write_helices(path: str | os.PathLike[str], helices: Helices, *, exact: bool = False) -> None:
@@ -54,10 +61,9 @@ def read_helices(path: str | os.PathLike[str]) -> Helices:
     meta = read_json(where, arrays, "meta")
     if meta.get("format") != FORMAT or meta.get("version") != VERSION:
         raise damaged(where, f"it is no {FORMAT} of version {VERSION}; fit the helices again")
-    for name in ("roots", "rotations", "counts", "lengths", "curvatures"):
+    for name, (kind, shape) in _ARRAYS.items():
         array = arrays.get(name)
-        wanted = "i" if name == "counts" else "f"
-        if array is None or array.dtype.kind != wanted or array.shape[1:] != (_SHAPES[name],) * (name in _SHAPES):
+        if array is None or array.dtype.kind != kind or array.ndim == 0 or array.shape[1:] != shape:
             raise damaged(where, f"its array '{name}' is missing or of the wrong kind or shape")
     counts, rotations = arrays["counts"].astype(np.int64), arrays["rotations"].astype(np.float64)
     if (counts < 1).any() or counts.sum() != len(arrays["lengths"]) or len(rotations) != len(arrays["roots"]):
