@@ -23,12 +23,15 @@ def probe_solid(
     cell: float,
     inverse: Float64,
     points: Float64,
+    moves: Float64,
     limits: Float64,
     gaps: Float64,
     normals: Float64,
+    reached: NDArray[np.bool_],
 ) -> None:
-    """gaps (n,): distance of points (n, 3) from a solid; normals (n, 3), world, 1 long, where it is below limits (n,).
+    """reached (n,): points (n, 3) that moves (n, 3) bring nearer to a solid than limits (n,), along the normal there.
 
+    gaps (n,): distances now, a lower bound of what is out of reach. normals (n, 3), world, 1 long.
     distance, origin, cell: the solid's grid in its own space; inverse (4, 4): world to there, rigid. Outside the grid
     the distance is that from what is nearest to the point's nearest place in the grid, or more than the limit.
     """
@@ -45,7 +48,9 @@ def probe_solid(
         ox, oy, oz = ax - bx, ay - by, az - bz
         outside = math.sqrt(ox * ox + oy * oy + oz * oz)
         gaps[i] = outside if outside > 0.0 else sample_distance(distance, origin, cell, ax, ay, az)
-        if not gaps[i] < limits[i]:
+        reached[i] = False
+        mx, my, mz = moves[i, 0], moves[i, 1], moves[i, 2]
+        if not gaps[i] - math.sqrt(mx * mx + my * my + mz * mz) < limits[i]:
             continue
         gx, gy, gz = sample_gradient(distance, origin, cell, bx, by, bz)
         size = math.sqrt(gx * gx + gy * gy + gz * gz)
@@ -61,6 +66,7 @@ def probe_solid(
             gx, gy, gz = gx / size, gy / size, gz / size
         for j in range(3):
             normals[i, j] = inverse[0, j] * gx + inverse[1, j] * gy + inverse[2, j] * gz
+        reached[i] = gaps[i] + normals[i, 0] * mx + normals[i, 1] * my + normals[i, 2] * mz < limits[i]
 
 
 @device

@@ -47,22 +47,20 @@ class ContactParams:
 
     radius : m, of a guide with the hair around it; this much it keeps off. self_contact : strands touch each other
     (parts of the same strand never do). spacing : m between the places along a strand where contact is looked for.
-    margin : m; places that come this near without contact are solved too. fastest : m/s towards a solid, what is
-    faster may come in for a step. push_speed : m/s, at most, with which what is too deep is pushed out.
-    tolerance : m/s, of Coulomb's law. iterations : most sweeps over the contacts.
+    margin : m; places that come this near without contact are solved too. push_speed : m/s, at most, with which what
+    is too deep is pushed out. tolerance : m/s, of Coulomb's law. iterations : most sweeps over the contacts.
     """
 
     radius: float = 0.001
     self_contact: bool = False
     spacing: float = 0.015
     margin: float = 0.001
-    fastest: float = 10.0
     push_speed: float = 0.2
-    tolerance: float = 1e-6
-    iterations: int = 60
+    tolerance: float = 2e-5
+    iterations: int = 20
 
     def __post_init__(self) -> None:
-        for name, unit in (("radius", "m"), ("margin", "m"), ("push_speed", "m/s"), ("fastest", "m/s")):
+        for name, unit in (("radius", "m"), ("margin", "m"), ("push_speed", "m/s")):
             value = getattr(self, name)
             require(0.0 <= value < 1e3, f"contact {name} is {value:g} {unit}; it must be 0 or more")
         for name in ("spacing", "tolerance"):
@@ -97,7 +95,9 @@ def find_contacts(
     samples = sample_rods(rods, params.spacing) if samples is None else samples
     points = place_legs(helices, samples.elements, samples.arcs)
     radius = np.tile(rods.radius[samples.strands], (len(solids), 1))
-    found = [solid_contacts(samples, points, solids, rods.friction, radius, 0.0)] if solids else []
+    found = (
+        [solid_contacts(samples, points, np.zeros_like(points), solids, rods.friction, radius, 0.0)] if solids else []
+    )
     if params.self_contact:
         found.append(_pairs_at_rest(rods, samples, points, helices))
     contacts = join_contacts(found) if found else no_contacts()
@@ -192,18 +192,14 @@ class ContactSolver:
         """What touches or would within the step, and how much deeper than at rest a sample is in a solid."""
         params, samples, rods, stepper = self._params, self._samples, self._rods, self._stepper
         points, before = stepper.points(samples.elements, samples.arcs)
+        moves = dt * stepper.free_velocities(samples.elements, samples.arcs) - (points - before)
         found, deepest = [], 0.0
         assert self._offsets is not None
         if solids:
-            reach = params.margin + dt * params.fastest
-            near = solid_contacts(samples, points, solids, rods.friction, self._offsets, reach)
-            own = near.keys % len(points)
-            moves = dt * stepper.free_velocities(near.elements[:, 0], near.arcs[:, 0]) - (points - before)[own]
-            gaps = near.gaps - near.offsets + np.einsum("ci,ci->c", near.axes[:, 0], moves)
+            near = solid_contacts(samples, points, moves, solids, rods.friction, self._offsets, params.margin)
             deepest = float((np.minimum(near.offsets, 0.0) - near.gaps).max(initial=0.0))
-            found.append(near.select(gaps < params.margin))
+            found.append(near)
         if params.self_contact:
-            moves = dt * stepper.free_velocities(samples.elements, samples.arcs) - (points - before)
             touching = 2.0 * float(rods.radius.max()) + params.margin
             pairs, places = near_pairs(samples, points, moves, touching + _PAIR_REACH, touching)
 

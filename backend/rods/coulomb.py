@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..errors import require
 from ..types import Float64, Int32, Int64
-from ._coulomb_kernels import local_impulses, own_matrices, sweep_islands, turn_blocks
+from ._coulomb_kernels import System, local_impulses, own_matrices, solve_islands, turn_blocks
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,14 +100,15 @@ def solve_contacts(
     leg_axes[first], leg_axes[second] = axes, -axes[paired]
     leg_impulses[first], leg_impulses[second] = impulses, impulses[paired]
     turn_blocks(blocks, block_offsets, legs.offsets, leg_axes)
-    matrices = np.zeros((count, 3, 3))
-    own_matrices(legs.of_contact, legs.strands, legs.offsets, blocks, block_offsets, matrices)
+    system = System(
+        legs.of_contact, legs.strands, legs.offsets, blocks, block_offsets, np.empty((count, 3, 3)), np.empty(count),
+        np.ascontiguousarray(velocities), friction,
+    )  # fmt: skip
+    own_matrices(system)
+    system.traces[:] = np.trace(system.matrices, axis1=1, axis2=2)
     order, islands = _islands(legs)
     residuals, sweeps = np.zeros(len(islands) - 1), np.zeros(len(islands) - 1, np.int64)
-    sweep_islands(
-        islands, order, legs.of_contact, legs.strands, legs.offsets, blocks, block_offsets, matrices,
-        np.ascontiguousarray(velocities), friction, tolerance, iterations, leg_impulses, residuals, sweeps,
-    )  # fmt: skip
+    solve_islands(system, islands, order, tolerance, iterations, leg_impulses, residuals, sweeps)
     residual = float(residuals.max())
     report = CoulombReport(residual, int(sweeps.max()), len(islands) - 1, residual <= tolerance)
     return leg_impulses[first], report

@@ -149,27 +149,34 @@ def contact_axes(normals: Float64, along: Float64) -> Float64:
 
 
 def solid_contacts(
-    samples: Samples, points: Float64, solids: Sequence[Solid], friction: Float64, offsets: Float64, reach: float
+    samples: Samples,
+    points: Float64,
+    moves: Float64,
+    solids: Sequence[Solid],
+    friction: Float64,
+    offsets: Float64,
+    margin: float,
 ) -> ContactSet:
-    """Contacts with solids of all samples whose gap is less than the offset and `reach`, metres, together.
+    """Contacts of all samples that moves (n, 3) would bring nearer to a solid than the offset and `margin` together.
 
     points : (n, 3) of the samples. friction : (S,) of the strands. offsets : (k, n) m, gaps to keep to each solid.
     Roots are left out: they move as they are told.
     """
     found = []
     inner = ~samples.is_root
-    along = np.diff(points, axis=0, prepend=points[:1])
     for number, solid in enumerate(solids):
-        gaps, normals = np.empty(len(points)), np.empty((len(points), 3))
-        limits = np.where(inner, offsets[number] + reach, -np.inf)
-        grid = solid.collider
-        probe_solid(grid.distance, grid.origin, grid.cell, np.linalg.inv(solid.matrix), points, limits, gaps, normals)
-        near = np.flatnonzero(gaps < limits)
+        gaps, normals, is_near = np.empty(len(points)), np.empty((len(points), 3)), np.empty(len(points), np.bool_)
+        limits = np.where(inner, offsets[number] + margin, -np.inf)
+        grid, inverse = solid.collider, np.linalg.inv(solid.matrix)
+        probe_solid(
+            grid.distance, grid.origin, grid.cell, inverse, points, moves, limits, gaps, normals, is_near
+        )  # fmt: skip
+        near = np.flatnonzero(is_near)
         found.append(
             ContactSet(
                 np.stack([samples.elements[near], np.full(len(near), -1, np.int32)], axis=1),
                 np.stack([samples.arcs[near], np.zeros(len(near))], axis=1),
-                contact_axes(normals[near], along[near]),
+                contact_axes(normals[near], points[near] - points[near - 1]),
                 gaps[near],
                 offsets[number, near],
                 np.maximum(friction[samples.strands[near]], solid.friction),
