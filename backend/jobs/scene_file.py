@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import FileError, InputError, require
 from ..geometry.head import read_head
+from ..io.alembic_motion import read_motion
 from ..io.files import read_file
 from ..io.npz import read_arrays
 from ..io.units import Units
@@ -114,6 +115,8 @@ def _motion(table: Table, folder: Path, fps: float, n_frames: int) -> Float64:
 
 
 def _motion_file(path: Path, name: str) -> Float64:
+    if path.suffix.lower() == ".abc":
+        return read_motion(path, name)
     arrays = read_arrays(path, read_file(path))
     if "motion" not in arrays:
         raise FileError(f"{path} has no array 'motion' of shape (frames, 4, 4)")
