@@ -147,6 +147,11 @@ class FitSettings(UnitsGroup, bpy.types.PropertyGroup):
         name="Points per Segment", default=3, min=1, soft_max=10, max=1000,
         description="Points of a guide for each piece of the smooth curve that is fitted first; more smooth it more",
     )  # fmt: skip
+    polish: IntProperty(
+        name="Polish", default=0, min=0, soft_max=20, max=1000,
+        description="Steps that bring the helices nearer to the guides after the fit; 5 halve the distance and take "
+        "out needless twist, and take longer",
+    )  # fmt: skip
 
 
 class EquilibriumSettings(ParamsGroup, bpy.types.PropertyGroup):
@@ -163,6 +168,11 @@ class EquilibriumSettings(ParamsGroup, bpy.types.PropertyGroup):
     largest_scale: FloatProperty(
         name="Stiffer at Most", default=1000.0, min=1.0, soft_max=10_000.0, max=1e9, precision=0, step=1000,
         description="Largest factor by which a guide is stiffened; a guide that needs more is reported as unstable",
+    )  # fmt: skip
+    force_cost: FloatProperty(
+        name="Cost of Contact", default=1e-3, min=0.0, soft_max=1.0, max=1e5, precision=4,
+        description="How much resting contacts may press to hold the hair up: at 0 as much as helps the shape most, "
+        "greater values let the hair's own stiffness carry more",
     )  # fmt: skip
     friction_share: FloatProperty(
         name="Share of Friction", default=0.9, min=0.0, max=1.0, precision=2, subtype="FACTOR",
@@ -249,20 +259,16 @@ class ContactSettings(UnitsGroup, bpy.types.PropertyGroup):
         name="Margin (mm)", default=1.0, min=0.0, soft_max=10.0, max=1e5, precision=2, step=10,
         description="Places that come this near to a surface are watched even before they touch it",
     )  # fmt: skip
-    fastest: FloatProperty(
-        name="Fastest (m/s)", default=10.0, min=0.0, soft_max=100.0, max=900.0, precision=1, step=100,
-        description="Hair that flies at a surface faster than this may be in it for one step",
-    )  # fmt: skip
     push_speed: FloatProperty(
         name="Push Out (m/s)", default=0.2, min=0.0, soft_max=2.0, max=900.0, precision=2, step=10,
         description="Highest speed with which hair that is too deep in a surface is pushed out",
     )  # fmt: skip
     tolerance: FloatProperty(
-        name="Tolerance (m/s)", default=1e-6, min=1e-12, soft_max=1e-2, max=100.0, precision=7,
+        name="Tolerance (m/s)", default=2e-5, min=1e-12, soft_max=1e-2, max=100.0, precision=7,
         description="How exactly contacts keep Coulomb's law of friction",
     )  # fmt: skip
     iterations: IntProperty(
-        name="Iterations", default=60, min=1, soft_max=500, max=100_000,
+        name="Iterations", default=20, min=1, soft_max=500, max=100_000,
         description="Most sweeps over all contacts in a step",
     )  # fmt: skip
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from .. import air, jobs, scene, simulation
+from .. import air, jobs, playback, scene, simulation
 from ..ops.fit_helices import HAIRLOOM_OT_fit_helices
 from ..ops.make_guides import HAIRLOOM_OT_make_guides
 from ..ops.resume_simulation import HAIRLOOM_OT_resume_simulation
@@ -160,6 +160,9 @@ class HAIRLOOM_PT_simulate(HairloomPanel, bpy.types.Panel):
         if kept is not None:
             hint(layout, f"{kept.n_frames} of {kept.n_planned} frames are simulated")
             layout.operator("hairloom.resume_simulation", icon="FRAME_NEXT")
+        state, text = playback.status(groom)
+        if state in {playback.STALE, playback.BROKEN}:
+            hint(layout, text)
         _draw_report(layout, groom)
 
 

@@ -27,9 +27,13 @@ class User:
     """Mouse, keyboard and eyes on Blender's first window. Pixels count from the window's lower left corner."""
 
     def __init__(self) -> None:
-        self.window = bpy.context.window_manager.windows[0]
         self.place = (0, 0)
         self.found = (0, 0)
+
+    @property
+    def window(self) -> bpy.types.Window:
+        """Looked up each time: another file brings other windows."""
+        return bpy.context.window_manager.windows[0]
 
     def area(self, kind: str = "VIEW_3D") -> bpy.types.Area:
         return max((a for a in self.window.screen.areas if a.type == kind), key=lambda a: a.width * a.height)
@@ -183,4 +187,4 @@ def run(test: Callable[[User], Steps], limit_seconds: float) -> None:
         leave(0)
         return None
 
-    bpy.app.timers.register(tick, first_interval=2.0)
+    bpy.app.timers.register(tick, first_interval=2.0, persistent=True)
