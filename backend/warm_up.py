@@ -17,11 +17,14 @@ from .geometry.strands import select_strands
 from .kernels import KERNELS
 from .progress import NO_PROGRESS, Progress, subrange
 from .rods.contacts import Solid
+from .rods.dynamics import Stepper
+from .rods.energies import generalised_force
 from .rods.fitting import FitParams, fit_helices
 from .rods.guides import choose_guides
-from .rods.helices import evaluate
+from .rods.helices import Helices, evaluate
 from .rods.interpolation import FollowerParams, bind_followers, interpolate, keep_out, rest_depths
 from .rods.material import MaterialParams
+from .rods.model import initial_state, make_rods
 from .rods.training import train_followers
 from .synthesis.detail_transfer import transfer_style
 from .synthesis.details import reduce_details
@@ -54,12 +57,29 @@ def compile_all(progress: Progress = NO_PROGRESS) -> int:
     session.update(flow)
     session.marks()
     progress(0.97, "Compiling: rods")
-    evaluate(fit_helices(strands, FitParams(polish=1)).helices, 2)
+    helices = fit_helices(strands, FitParams(polish=1)).helices
+    evaluate(helices, 2)
+    _step_rods(helices)
     progress(0.98, "Compiling: comb")
     _comb_in_all_modes(strands, head)
     progress(0.99, "Compiling: followers")
     _follow(strands, head)
     return sum(bool(kernel.dispatcher.signatures) for kernel in KERNELS)
+
+
+def _step_rods(helices: Helices) -> None:
+    """A time step with an impulse at every rod's first element, and the forces of the weight."""
+    rods, state = make_rods(helices, MaterialParams()), initial_state(helices)
+    gravity, stepper = np.array([0.0, 0.0, -9.81]), Stepper(rods)
+    stepper.begin(state, state.roots, state.frames, 0.01, gravity, np.zeros_like(rods.rest))
+    offsets, elements = np.arange(rods.n_strands + 1), rods.offsets[:-1].copy()
+    arcs = rods.lengths[elements]
+    stepper.points(elements, arcs)
+    stepper.delassus(offsets, elements, arcs)
+    stepper.apply(offsets, elements, arcs, stepper.free_velocities(elements, arcs) * 0.0)
+    stepper.end(state)
+    stepper.energies()
+    generalised_force(rods, state.roots, state.frames, state.curvatures, gravity)
 
 
 def _comb_in_all_modes(strands: StrandSet, head: Head) -> None:

@@ -47,9 +47,8 @@ class Stepper:
         self.rods = rods
         self.root_force = np.zeros((strands, 3))
         self.element_strands: Int32 = np.repeat(np.arange(strands, dtype=np.int32), counts)
-        self._properties = kernels.Properties(
-            rods.offsets, rods.lengths, rods.rest, rods.stiffness, rods.mass, rods.drag
-        )
+        arrays = (rods.offsets, rods.lengths, rods.rest, rods.stiffness, rods.mass, rods.drag)
+        self._properties = kernels.Properties(*map(np.ascontiguousarray, arrays))
         self._work = kernels.Work(
             poses=np.zeros((elements, kernels.N_POSE)),
             links=np.zeros((elements, kernels.N_LINK)),

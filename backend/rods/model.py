@@ -99,7 +99,7 @@ def make_rods(
     check_array("hairs", hairs, np.float64, (strands,))
     if strands:
         require(hairs.min() >= 1.0, f"hairs of a guide is {hairs.min():g}; it must be 1 or more")
-    radii = np.ascontiguousarray(np.broadcast_to(np.asarray(radius, np.float64), (strands,)))
+    radii = np.array(np.broadcast_to(np.asarray(radius, np.float64), (strands,)))
     each = np.repeat(hairs, helices.element_counts)
     return Rods(
         offsets=helices.offsets,
