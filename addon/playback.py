@@ -23,6 +23,7 @@ from .backend.errors import FileError, HairloomError, require
 # on the Curves: the cache folder, '//...' where the file has a place; and that an edit of the hair waits for a choice
 LINK, EDIT_MARK = "hairloom_cache", "hairloom_cache_edited"
 MOTION_BLUR = "Hairloom Motion Blur"  # modifier and its node group
+BAKED = "Hairloom Baked"  # the modifier by which Blender itself plays a baked file
 
 NONE, PLAYING, STALE, EDITED, BROKEN = "NONE", "PLAYING", "STALE", "EDITED", "BROKEN"
 
@@ -74,6 +75,8 @@ def attach(obj: bpy.types.Object, cache: str | os.PathLike[str]) -> None:
         bridge.keep_rest(curves)
     curves[LINK] = _link_text(path, bpy.data.filepath)
     _add_motion_blur(obj)
+    if BAKED in obj.modifiers:
+        obj.modifiers.remove(obj.modifiers[BAKED])
     play_again(obj)
 
 
@@ -115,8 +118,8 @@ def fingerprint(obj: bpy.types.Object) -> str:
 
 
 def _settings_fingerprint() -> str:
-    settings = getattr(bpy.context.scene.hairloom, "simulation", None)
-    return lazy.bridge("playback").settings_fingerprint(settings.to_params() if settings else {})
+    settings = bpy.context.scene.hairloom.simulation.to_params()
+    return lazy.bridge("playback").settings_fingerprint(settings)
 
 
 def status(obj: bpy.types.Object) -> tuple[str, str]:

@@ -10,11 +10,15 @@ from . import (
     apply_detail,
     apply_flow,
     attach_to_head,
+    bake_alembic,
+    bake_playback,
+    bake_usd,
     cancel_job,
     clean_up,
     cluster_wisps,
     comb,
     export_groom,
+    export_unreal,
     extract_centers,
     extract_flow,
     extract_guides,
@@ -41,7 +45,8 @@ _MODULES = (
     add_head, set_up_head, import_groom, export_groom, add_starter_groom, attach_to_head, clean_up, cluster_wisps,
     show_wisps, extract_centers, extract_flow, apply_flow, synthesize, comb, play_strokes, save_strokes,
     transfer_details, update_details, save_detail, apply_detail, make_guides, select_guides, extract_guides,
-    fit_helices, show_helices, simulate, resume_simulation, free_cache, cancel_job, warm_up,
+    fit_helices, show_helices, simulate, resume_simulation, free_cache, bake_alembic, bake_usd,
+    bake_playback, export_unreal, cancel_job, warm_up,
 )  # fmt: skip
 
 register, unregister = bpy.utils.register_classes_factory([cls for module in _MODULES for cls in module.CLASSES])

@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
-from . import comb_panel, flow_panel, menus, panels, physics_presets, presets, simulation_panel, transfer_panel
+from . import (
+    bake_panel,
+    comb_panel,
+    flow_panel,
+    menus,
+    panels,
+    physics_presets,
+    presets,
+    simulation_panel,
+    transfer_panel,
+)
 
-_PARTS = (presets, physics_presets, panels, flow_panel, comb_panel, transfer_panel, simulation_panel, menus)
+_PARTS = (presets, physics_presets, panels, flow_panel, comb_panel, transfer_panel, simulation_panel, bake_panel, menus)
 
 
 def register() -> None:
