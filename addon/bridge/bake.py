@@ -177,7 +177,12 @@ def _write_usd(
         report(number / len(frames.matrices))
         code = reader.frame_start + number
         points.Set(vt.Vec3fArray.FromNumpy(frame), code)
-        extent.Set(vt.Vec3fArray.FromNumpy(np.stack([frame.min(axis=0), frame.max(axis=0)])), code)
+        extent.Set(
+            vt.Vec3fArray.FromNumpy(
+                np.array([[column.min() for column in frame.T], [column.max() for column in frame.T]])
+            ),
+            code,
+        )
         unsaved += frame.nbytes
         if unsaved > _USD_BYTES:
             stage.GetRootLayer().Save()

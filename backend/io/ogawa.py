@@ -186,6 +186,11 @@ class ArchiveWriter:
         target.places.append((self._sample(content, is_text=target.pod == STRING), dimensions))
         target.counts.append(count)
 
+    def repeat(self, target: Sampled) -> None:
+        """The next sample of a property is that before."""
+        target.places.append(target.places[-1])
+        target.counts.append(target.counts[-1])
+
     def _sample(self, content: Any, *, is_text: bool) -> int:
         if not len(content) and not is_text:
             return IS_DATA

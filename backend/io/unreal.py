@@ -108,10 +108,12 @@ class _Part:
     """One object of curves of the file, and which of the groom's points it has."""
 
     def __init__(self, writer: CurvesWriter, points: slice | Int32, widths: Float32) -> None:
-        self._writer, self._points, self._widths = writer, points, widths
+        self._writer, self._points = writer, points
+        self._widths: Float32 | None = widths
 
     def write(self, points: Float32) -> None:
         self._writer.write(np.ascontiguousarray(points[self._points]), self._widths)
+        self._widths = None  # those of the sample before from now on
 
 
 def write_unreal(
