@@ -78,8 +78,8 @@ def least_bending(
 ) -> None:
     """min over forces r in Coulomb's cones of 1/2 z^T A z + 1/2 sum_c cost_c |r_c|^2, z = A^-1 (f + H^T r) (M-26).
 
-    By block Gauss-Seidel. Islands of contacts order[island_offsets[i]:island_offsets[i + 1]] share no rod. Contact c has
-    the rows (r, 3, 3) of H from row_offsets[c] on, in its own axes (normal, two tangents), of row_elements.
+    By block Gauss-Seidel. Islands of contacts order[island_offsets[i]:island_offsets[i + 1]] share no rod. Contact c
+    has the rows (r, 3, 3) of H from row_offsets[c] on, in its own axes (normal, two tangents), of row_elements.
     compliance (E, 3): A^-1. bending (E, 3): z, in and out; forces (c, 3), N in contact axes, in and out. Ends when a
     sweep's steps, squared in the local metric, are below tolerance of those of the first; sweeps (I,) says how many it
     took.

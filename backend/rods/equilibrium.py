@@ -53,7 +53,7 @@ class EquilibriumParams:
     scale_stiffness: bool = True
     margin: float = 0.1
     largest_scale: float = 1000.0
-    force_cost: float = 1e-3
+    force_cost: float = 0.1
     friction_share: float = 0.9
     tolerance: float = 1e-8
     iterations: int = 200
@@ -183,7 +183,8 @@ class _Problem:
 
     def carry(self, stiffness: Float64, start: Float64) -> tuple[Float64, int]:
         work = np.bincount(self.owner, (self.weight**2 / stiffness).sum(axis=1), len(self.total_weight))
-        cost = self.params.force_cost * work / np.maximum(self.total_weight, 1e-300) ** 2
+        weight = np.where(self.total_weight > 0.0, self.total_weight, np.inf)
+        cost = self.params.force_cost * work / weight**2
         return least_bending_forces(
             self.supports,
             len(self.helices.roots),
