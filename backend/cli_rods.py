@@ -1,4 +1,4 @@
-"""The commands of the command line about rods: fit-helices, simulate."""
+"""The commands of the command line about rods: fit-helices, simulate, bake."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from .errors import require
 from .geometry.head import default_head, find_scalp
+from .io.alembic import AlembicWriter
 from .io.files import atomic_write
 from .io.npz import write_arrays
 from .io.sim_cache import CacheReader
@@ -37,6 +38,7 @@ def add_commands(
     """Add the commands; `command(name, run, text, *parents)` makes one, `hair` is the parent that reads a groom."""
     _add_fit(command("fit-helices", _fit_helices, "Turn strands into helices, and say how near they are.", hair))
     _add_simulate(command("simulate", _simulate, "Move hair over a scene: head motion, wind, colliders.", hair))
+    _add_bake(command("bake", _bake, "Write a cache of `simulate` to an Alembic file.", hair))
 
 
 def _groom(options: argparse.Namespace) -> StrandSet:
@@ -140,3 +142,25 @@ def _write_frames(path: Path, cache: CacheReader, strands: StrandSet) -> None:
     }
     with atomic_write(path) as stream:
         write_arrays(stream, arrays)
+
+
+def _add_bake(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("cache", type=Path, help="the folder that `simulate --cache` filled, of the same hair")
+    parser.add_argument("out", type=Path, help="the .abc to write: curves, a sample a frame; metres, y up")
+
+
+def _bake(options: argparse.Namespace, clock: Clock, progress: Progress) -> Report:
+    clock("read")
+    strands, cache = _groom(options), CacheReader(options.cache)
+    n_points = len(strands.points)
+    require(cache.n_points == n_points, f"the cache has {cache.n_points} points, {options.hair} has {n_points}")
+    require(cache.n_frames > 0, f"the cache {options.cache} has no whole frame; simulate again")
+    radius = strands.point_attributes.get("radius")
+    widths = None if radius is None else np.maximum(2 * radius, 0).astype(np.float32)
+    clock("write")
+    with AlembicWriter(options.out, fps=cache.fps, frame_start=cache.frame_start) as file:
+        curves = file.add_curves(Path(options.hair).stem, strands.point_counts)
+        for number in range(cache.n_frames):
+            progress(number / cache.n_frames, f"Frame {cache.frame_start + number}")
+            curves.write(cache.frame(cache.frame_start + number), widths if number == 0 else None)
+    return {"frames": cache.n_frames, "strands": strands.n_strands, "points": n_points, "out": str(options.out)}
