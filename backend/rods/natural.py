@@ -9,10 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..errors import require
+from ..geometry.strands import resample, strand_lengths
 from ..types import Float64, Int32, StrandSet
-from ._natural_kernels import improve_strands
+from ._natural_kernels import STUB_LENGTH, improve_strands
 from .helices import Helices
 
 
@@ -71,3 +73,43 @@ def improve_helices(strands: StrandSet, helices: Helices, params: NaturalParams 
     )  # fmt: skip
     improved = Helices(helices.roots, frames, helices.offsets, lengths, curvatures)
     return NaturalResult(improved, errors[:, 0].copy(), errors[:, 1].copy(), steps)
+
+
+def natural_fit(strands: StrandSet, n_elements: int, params: NaturalParams = NaturalParams()) -> NaturalResult:
+    """Natural optimisation from nothing but the strands: the baseline of the comparison (B-E6, M-24).
+
+    It starts from n_elements arcs of equal length without twist that have the strand's tangents at their ends.
+
+    Raises
+    ------
+    InputError : n_elements below 1.
+    """
+    require(n_elements >= 1, f"n_elements is {n_elements}; it must be 1 or more")
+    return improve_helices(strands, _arcs(strands, n_elements), params)
+
+
+def _arcs(strands: StrandSet, n_elements: int) -> Helices:
+    """Arcs between the tangents at equal shares of the polylines."""
+    count = strands.n_strands
+    points = resample(strands, 4 * n_elements + 1).astype(np.float64)
+    places = np.arange(n_elements + 1) * 4
+    tangents = points[:, np.minimum(places + 1, places[-1])] - points[:, np.maximum(places - 1, 0)]
+    sizes = np.linalg.norm(tangents, axis=2, keepdims=True)
+    tangents = np.where(sizes > 0.0, tangents / np.maximum(sizes, 1e-300), [0.0, 0.0, 1.0])
+    lengths = np.maximum(strand_lengths(strands).astype(np.float64), STUB_LENGTH) / n_elements
+    # any normal: the axis along which the first tangent is shortest, made orthogonal
+    aside = np.eye(3)[np.argmin(np.abs(tangents[:, 0]), axis=1)]
+    normals = np.cross(tangents[:, 0], aside)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    frames = np.stack([tangents[:, 0], normals, np.cross(tangents[:, 0], normals)], axis=2)
+    roots, first_frames = strands.roots.astype(np.float64), frames
+    curvatures = np.empty((count, n_elements, 3))
+    for e in range(n_elements):  # over the elements of all strands at once
+        axes = np.cross(tangents[:, e], tangents[:, e + 1])
+        sines = np.linalg.norm(axes, axis=1, keepdims=True)
+        cosines = (tangents[:, e] * tangents[:, e + 1]).sum(axis=1, keepdims=True)
+        turns = axes * (np.arctan2(sines, cosines) / np.maximum(sines, 1e-12))
+        curvatures[:, e] = np.einsum("sij,si->sj", frames, turns) / lengths[:, None]
+        frames = Rotation.from_rotvec(turns).as_matrix() @ frames if count else frames
+    offsets = (np.arange(count + 1) * n_elements).astype(np.int32)
+    return Helices(roots, first_frames, offsets, np.repeat(lengths, n_elements), curvatures.reshape(-1, 3))

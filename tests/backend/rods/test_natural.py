@@ -16,7 +16,7 @@ from hairloom.rods._natural_kernels import (
 )
 from hairloom.rods.fitting import FitParams, fit_helices
 from hairloom.rods.helices import Helices, to_strands
-from hairloom.rods.natural import NaturalParams, improve_helices
+from hairloom.rods.natural import NaturalParams, improve_helices, natural_fit
 from hairloom.types import StrandSet
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
@@ -163,3 +163,17 @@ def test_strands_without_length_and_bad_input():
     for name, value in (("iterations", -1), ("tolerance", -1.0), ("twist_weight", float("nan"))):
         with pytest.raises(InputError, match=name):
             NaturalParams(**{name: value})
+
+
+def test_natural_optimisation_from_scratch_follows_waves():
+    u = np.linspace(0, 1, 50)
+    points = np.stack([0.01 * np.sin(9 * u), 0.01 * np.cos(9 * u), 0.15 * u], 1)[None] * [[[1.0]], [[1.3]]]
+    strands = from_dense(points)
+    result = natural_fit(strands, 6)
+    assert (result.rms < 5e-4).all()
+    assert (result.steps > 0).all()
+    assert np.array_equal(result.helices.roots.astype(np.float32), strands.roots)
+    zero = StrandSet(np.zeros((3, 3), np.float32), np.array([0, 2, 3], np.int32))
+    assert natural_fit(zero, 3).helices.element_counts.tolist() == [3, 3]
+    with pytest.raises(InputError, match="n_elements is 0"):
+        natural_fit(strands, 0)
