@@ -93,7 +93,7 @@ def why_no_simulation(context: bpy.types.Context) -> str:
         return "The scene has one frame: set its end frame"
     if groom.hairloom_flow.is_live:
         return f"'{groom.name}' follows its flow: switch Live off in the Flow panel"
-    state, text = playback.status(groom)
+    state, text = playback_state(context, groom)
     return text if state == playback.EDITED else ""
 
 
@@ -103,6 +103,13 @@ def why_no_resume(context: bpy.types.Context) -> str:
     if not missing and unfinished(scene.active_groom(context)) is None:
         missing = "No simulation of this groom was cancelled or cut short: press Simulate"
     return missing
+
+
+def playback_state(context: bpy.types.Context, groom: bpy.types.Object) -> tuple[str, str]:
+    """`playback.status`, which looks at every point; not while the animation plays and each frame would wait for it."""
+    if context.screen is not None and context.screen.is_animation_playing:
+        return playback.PLAYING, ""
+    return playback.status(groom)
 
 
 # --- what a groom remembers --------------------------------------------------------------------------------------

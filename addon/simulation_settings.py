@@ -45,24 +45,24 @@ class MaterialSettings(UnitsGroup, bpy.types.PropertyGroup):
     units = {"young": 1e9, "radius_major": 1e-6, "radius_minor": 1e-6, "drag": 1e-6}
 
     young: FloatProperty(
-        name="Young's Modulus (GPa)", default=3.9, min=1e-6, soft_min=0.5, soft_max=10.0, max=1e5, precision=2,
-        description="Stiffness of the hair's substance; dry hair has 3 to 5 GPa, wet hair under half of that",
+        name="Stiffness (GPa)", default=3.9, min=1e-6, soft_min=0.5, soft_max=10.0, max=1e5, precision=2,
+        description="Young's modulus of the hair's substance; dry hair has 3 to 5 GPa, wet hair under half of that",
     )  # fmt: skip
     stiffness_scale: FloatProperty(
         name="Stiffness Factor", default=1.0, min=1e-6, soft_min=0.1, soft_max=100.0, max=1e6, precision=2,
         description="Artist's factor on the stiffness: above 1 hair moves less than its substance says",
     )  # fmt: skip
     radius_major: FloatProperty(
-        name="Thickness: Long Radius (um)", default=40.0, min=0.1, soft_min=15.0, soft_max=60.0, max=1e5, precision=1,
-        step=100, description="Half the greater width of a hair's cross-section; fine hair has 25, thick hair 50 um",
+        name="Long Radius (µm)", default=40.0, min=0.1, soft_min=15.0, soft_max=60.0, max=1e5, precision=1,
+        step=100, description="Half the greater width of a hair's cross-section; fine hair has 25, thick hair 50 µm",
     )  # fmt: skip
     radius_minor: FloatProperty(
-        name="Short Radius (um)", default=40.0, min=0.1, soft_min=15.0, soft_max=60.0, max=1e5, precision=1, step=100,
+        name="Short Radius (µm)", default=40.0, min=0.1, soft_min=15.0, soft_max=60.0, max=1e5, precision=1, step=100,
         description="Half the smaller width of a hair's cross-section; curly hair is flat, straight hair round",
     )  # fmt: skip
     density: FloatProperty(
-        name="Density (kg/m3)", default=1300.0, min=1.0, soft_min=800.0, soft_max=2000.0, max=1e5, precision=0,
-        step=1000, description="Mass of the hair's substance by volume; dry hair has 1300 kg/m3",
+        name="Density (kg/m³)", default=1300.0, min=1.0, soft_min=800.0, soft_max=2000.0, max=1e5, precision=0,
+        step=1000, description="Mass of the hair's substance by volume; dry hair has 1300 kg/m³",
     )  # fmt: skip
     poisson: FloatProperty(
         name="Poisson's Ratio", default=0.48, min=-0.99, soft_min=0.0, max=0.5, precision=2,
@@ -73,7 +73,7 @@ class MaterialSettings(UnitsGroup, bpy.types.PropertyGroup):
         description="How soon swinging dies away within the hair itself, in seconds (Kelvin-Voigt)",
     )  # fmt: skip
     drag: FloatProperty(
-        name="Air Drag (mg/m s)", default=20.0, min=0.0, soft_max=200.0, max=1e9, precision=1, step=100,
+        name="Drag (mg/m s)", default=20.0, min=0.0, soft_max=200.0, max=1e9, precision=1, step=100,
         description="How strongly the air holds one hair, by its length and speed; wind acts through it too",
     )  # fmt: skip
     friction: FloatProperty(
@@ -313,11 +313,11 @@ class SimulationSettings(ParamsGroup, bpy.types.PropertyGroup):
         description="Coulomb's coefficient of head and colliders; the greater of it and the hair's own counts",
     )  # fmt: skip
     air_speed: FloatProperty(
-        name="Air per Strength (m/s)", default=1.0, min=0.0, soft_max=10.0, max=1e6, precision=2,
+        name="Wind (m/s)", default=1.0, min=0.0, soft_max=10.0, max=1e6, precision=2,
         description="Speed of the air that a force field of strength 1 makes; Blender's fields have no unit",
     )  # fmt: skip
     cache_folder: StringProperty(
-        name="Cache", default="//hairloom_cache/", subtype="DIR_PATH",
+        name="Cache", default="//hairloom_cache/", subtype="DIR_PATH", options={"OUTPUT_PATH"},
         description="Folder for the simulated frames, 12 bytes a point and frame. A folder starting with // lies "
         "beside the file; in a file that was never saved it is temporary",
     )  # fmt: skip

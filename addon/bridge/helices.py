@@ -78,7 +78,8 @@ def show_helices(groom: bpy.types.Object, helices: Helices, metres_per_unit: flo
     obj = groom.hairloom_simulation.helices
     data = curves.new_curves(f"{groom.name} Helices", strands, groom.matrix_world.inverted())
     data.materials.append(material.wisp_material())
-    if obj is None or obj.name not in bpy.context.scene.objects:
+    # a duplicate of the groom still names the original's
+    if obj is None or obj.parent is not groom or obj.name not in bpy.context.scene.objects:
         obj = bpy.data.objects.new(f"{groom.name} Helices", data)
         for collection in groom.users_collection:
             collection.objects.link(obj)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from .. import lazy, playback, scene, simulation
+from ..backend.errors import require
 from ..jobs import JobOperator, Values
 
 
@@ -20,6 +21,8 @@ class SimulationJob(JobOperator):
         return {**simulation.groom_and_head(context), **others}
 
     def read(self, sources: dict[str, bpy.types.Object]) -> Values:
+        state, text = playback.status(sources["groom"])
+        require(state != playback.EDITED, text)
         bridge = lazy.bridge("simulation")
         settings = bpy.context.scene.hairloom.simulation
         others = [obj for name, obj in sources.items() if name.startswith("collider ")]

@@ -160,7 +160,7 @@ class HAIRLOOM_PT_simulate(HairloomPanel, bpy.types.Panel):
         if kept is not None:
             hint(layout, f"{kept.n_frames} of {kept.n_planned} frames are simulated")
             layout.operator("hairloom.resume_simulation", icon="FRAME_NEXT")
-        state, text = playback.status(groom)
+        state, text = simulation.playback_state(context, groom)
         if state in {playback.STALE, playback.BROKEN}:
             hint(layout, text)
         _draw_report(layout, groom)
