@@ -63,10 +63,10 @@ BLOCK = 8
 """Rods that one work item steps one after the other, on the same scratch."""
 
 # columns of the work arrays
-_POSITION, _FRAME, _DARBOUX, N_POSE = 0, 3, 12, 15
-_OFFSET, _GRADIENT, _TURN, N_LINK = 0, 3, 12, 21
-_COUPLING, _INVERSE, N_FACTOR = 0, 18, 24
-_LINEAR, _ANGULAR, _RATE, N_MOTION = 0, 3, 6, 9
+POSITION, FRAME, DARBOUX, N_POSE = 0, 3, 12, 15
+OFFSET, GRADIENT, TURN, N_LINK = 0, 3, 12, 21
+COUPLING, INVERSE, N_FACTOR = 0, 18, 24
+LINEAR, ANGULAR, RATE, N_MOTION = 0, 3, 6, 9
 N_DRIFT = 12
 # columns of scratch: per quadrature point gradient (9), offset (3), drift (3); sums of the element; eliminated load
 _POINT = 15
@@ -133,7 +133,7 @@ def begin_step(rods: Any, step: Any, work: Any) -> None:
         for s in range(block * BLOCK, min(strands, (block + 1) * BLOCK)):
             _drift(s, step, work.drifts)
             _place(s, rods, step, work, scratch)
-            _eliminate(s, rods, work, scratch, step.dt)
+            _eliminate(s, rods, work, scratch)
             _substitute(s, rods, work, scratch)
 
 
@@ -160,17 +160,17 @@ def _place(s: int, rods: Any, step: Any, work: Any, scratch: Any) -> None:
     root = vector(step.next_roots, s, 0)
     for e in range(begin, end):
         u = times(frame, vector(step.curvatures, e, 0))
-        put(work.poses, e, _POSITION, plus(position, root))
-        put(work.poses, e, _FRAME, frame)
-        put(work.poses, e, _DARBOUX, u)
+        put(work.poses, e, POSITION, plus(position, root))
+        put(work.poses, e, FRAME, frame)
+        put(work.poses, e, DARBOUX, u)
         _add_points(s, e, position, frame, u, rods, step, work.drifts, scratch, e - begin)
         _add_elasticity(e, frame, rods, step, scratch, e - begin)
         length = rods.lengths[e]
         c = coefficients(math.sqrt(dot(u, u)), length)
         offset = element_offset(c, length, tangent(frame), u)
-        put(work.links, e, _OFFSET, offset)
-        put(work.links, e, _GRADIENT, element_gradient(c, tangent(frame), u))
-        put(work.links, e, _TURN, element_turn(c, length, u))
+        put(work.links, e, OFFSET, offset)
+        put(work.links, e, GRADIENT, element_gradient(c, tangent(frame), u))
+        put(work.links, e, TURN, element_turn(c, length, u))
         position = plus(position, offset)
         frame = turned_frame(c, length, u, frame)
 
@@ -249,7 +249,7 @@ def _add_elasticity(e: int, frame: Matrix, rods: Any, step: Any, scratch: Any, k
 
 
 @summing_device
-def _eliminate(s: int, rods: Any, work: Any, scratch: Any, dt: float) -> None:
+def _eliminate(s: int, rods: Any, work: Any, scratch: Any) -> None:
     """Tip to root: eliminate the elements' rates; what the root's base twist would meet is the root's impulse."""
     begin, end = rods.offsets[s], rods.offsets[s + 1]
     zeros = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -259,9 +259,9 @@ def _eliminate(s: int, rods: Any, work: Any, scratch: Any, dt: float) -> None:
     for e in range(end - 1, begin - 1, -1):
         k = e - begin
         offset, gradient, turn = (
-            vector(work.links, e, _OFFSET),
-            matrix(work.links, e, _GRADIENT),
-            matrix(work.links, e, _TURN),
+            vector(work.links, e, OFFSET),
+            matrix(work.links, e, GRADIENT),
+            matrix(work.links, e, TURN),
         )
         # what the end's twist (G x, W x) meets
         y = plus(transposed_times(gradient, pv), transposed_times(turn, pw))
@@ -286,9 +286,9 @@ def _eliminate(s: int, rods: Any, work: Any, scratch: Any, dt: float) -> None:
         inverse = inverse_factor(d)
         yh = lower_times(inverse, plus(y, vector(scratch, k, _Y)))
         ev, ew = lower_times_transposed(inverse, cv), lower_times_transposed(inverse, cw)
-        put(work.factors, e, _COUPLING, ev)
-        put(work.factors, e, _COUPLING + 9, ew)
-        put(work.factors, e, _INVERSE, inverse)
+        put(work.factors, e, COUPLING, ev)
+        put(work.factors, e, COUPLING + 9, ew)
+        put(work.factors, e, INVERSE, inverse)
         put(scratch, k, _YH, yh)
         vv, ww = add_gram(vv, -1.0, ev, ev), add_gram(ww, -1.0, ew, ew)
         vw = add_matrix(vw, -1.0, transposed_product(ev, ew))
@@ -333,20 +333,20 @@ def _substitute(s: int, rods: Any, work: Any, scratch: Any) -> None:
     for e in range(begin, end):
         k = e - begin
         met = plus(
-            times(matrix(work.factors, e, _COUPLING), linear), times(matrix(work.factors, e, _COUPLING + 9), angular)
+            times(matrix(work.factors, e, COUPLING), linear), times(matrix(work.factors, e, COUPLING + 9), angular)
         )
-        x = lower_transposed_times(symmetric(work.factors, e, _INVERSE), minus(vector(scratch, k, _YH), met))
-        put(work.motion, e, _LINEAR, linear)
-        put(work.motion, e, _ANGULAR, angular)
-        put(work.motion, e, _RATE, x)
-        put(work.rates, e, 0, transposed_times(matrix(work.poses, e, _FRAME), x))
+        x = lower_transposed_times(symmetric(work.factors, e, INVERSE), minus(vector(scratch, k, _YH), met))
+        put(work.motion, e, LINEAR, linear)
+        put(work.motion, e, ANGULAR, angular)
+        put(work.motion, e, RATE, x)
+        put(work.rates, e, 0, transposed_times(matrix(work.poses, e, FRAME), x))
         for p in range(N_QUADRATURE):
             moved = times(matrix(scratch, k, _POINT * p), x)
             turned = cross(angular, vector(scratch, k, _POINT * p + 9))
             drift = vector(scratch, k, _POINT * p + 12)
             for i in range(3):
                 work.velocities[e, p, i] = drift[i] + linear[i] + turned[i] + moved[i]
-        moved = times(matrix(work.links, e, _GRADIENT), x)
-        turned = cross(angular, vector(work.links, e, _OFFSET))
+        moved = times(matrix(work.links, e, GRADIENT), x)
+        turned = cross(angular, vector(work.links, e, OFFSET))
         linear = plus(linear, plus(moved, turned))
-        angular = plus(angular, times(matrix(work.links, e, _TURN), x))
+        angular = plus(angular, times(matrix(work.links, e, TURN), x))

@@ -14,24 +14,27 @@ from numba import prange
 
 from ..kernels import parallel_kernel, summing_device
 from ._dynamics_kernels import (
-    _ANGULAR,
-    _COUPLING,
-    _DARBOUX,
-    _FRAME,
-    _GRADIENT,
-    _INVERSE,
-    _LINEAR,
-    _OFFSET,
-    _POSITION,
-    _RATE,
-    _TURN,
+    ANGULAR,
+    COUPLING,
+    DARBOUX,
+    FRAME,
+    GRADIENT,
+    INVERSE,
+    LINEAR,
+    OFFSET,
+    POSITION,
+    RATE,
+    TURN,
 )
 from ._kinematics_kernels import N_QUADRATURE, NODES, coefficients, element_gradient, element_offset
 from ._matrix_kernels import (
     Matrix,
     Vector,
+    add_matrix,
     cross,
+    cross_matrix_product,
     dot,
+    lower_product,
     lower_times,
     lower_transposed_times,
     matrix,
@@ -41,6 +44,7 @@ from ._matrix_kernels import (
     scaled,
     symmetric,
     times,
+    transposed_product,
     transposed_times,
     vector,
 )
@@ -49,8 +53,8 @@ from ._matrix_kernels import (
 @summing_device
 def _leg(work: Any, e: int, arc: float) -> tuple[Vector, Matrix]:
     """Offset and gradient at an arc length of an element."""
-    u = vector(work.poses, e, _DARBOUX)
-    t = (work.poses[e, _FRAME], work.poses[e, _FRAME + 3], work.poses[e, _FRAME + 6])
+    u = vector(work.poses, e, DARBOUX)
+    t = _base_tangent(work, e)
     c = coefficients(math.sqrt(dot(u, u)), arc)
     return element_offset(c, arc, t, u), element_gradient(c, t, u)
 
@@ -65,39 +69,68 @@ def _drift_at(work: Any, s: int, from_root: Vector) -> Any:
 def place_legs(strands: Any, roots: Any, work: Any, dt: float, elements: Any, arcs: Any, now: Any, before: Any) -> None:
     for i in prange(len(elements)):
         e = elements[i]
-        place = plus(vector(work.poses, e, _POSITION), _leg(work, e, arcs[i])[0])
+        place = plus(vector(work.poses, e, POSITION), _leg(work, e, arcs[i])[0])
         drift = _drift_at(work, strands[e], minus(place, vector(roots, strands[e], 0)))
         put(now, i, 0, place)
         put(before, i, 0, minus(place, scaled(dt, drift)))
 
 
+@summing_device
+def _moves(u: Vector, t: Vector, angular: Vector, x: Vector) -> tuple[Vector, Vector, Vector, Vector, Vector]:
+    """Vectors whose sum times s, A, B, A_w/w, B_w/w is Omega x rho(s) + G(s) x: for many s, without the matrices."""
+    first = cross(u, t)
+    second = cross(u, first)
+    ux, tx = dot(u, x), dot(t, x)
+    by_a = minus(cross(angular, first), cross(t, x))
+    by_b = plus(plus(cross(angular, second), scaled(dot(u, t), x)), minus(scaled(tx, u), scaled(2.0 * ux, t)))
+    return cross(angular, t), by_a, by_b, scaled(ux, first), scaled(ux, second)
+
+
+@summing_device
+def _moved(moves: Any, w: float, s: float) -> Vector:
+    """Omega x rho(s) + G(s) x from `_moves`."""
+    c = coefficients(w, s)
+    m0, m1, m2, m3, m4 = moves
+    return (
+        s * m0[0] + c[0] * m1[0] + c[1] * m2[0] + c[2] * m3[0] + c[3] * m4[0],
+        s * m0[1] + c[0] * m1[1] + c[1] * m2[1] + c[2] * m3[1] + c[3] * m4[1],
+        s * m0[2] + c[0] * m1[2] + c[1] * m2[2] + c[2] * m3[2] + c[3] * m4[2],
+    )
+
+
+@summing_device
+def _base_tangent(work: Any, e: int) -> Vector:
+    return work.poses[e, FRAME], work.poses[e, FRAME + 3], work.poses[e, FRAME + 6]
+
+
 @parallel_kernel
 def leg_velocities(strands: Any, roots: Any, work: Any, elements: Any, arcs: Any, velocities: Any) -> None:
     for i in prange(len(elements)):
-        e = elements[i]
-        offset, gradient = _leg(work, e, arcs[i])
-        place = plus(vector(work.poses, e, _POSITION), offset)
+        e, arc = elements[i], arcs[i]
+        u, t = vector(work.poses, e, DARBOUX), _base_tangent(work, e)
+        w = math.sqrt(dot(u, u))
+        place = plus(vector(work.poses, e, POSITION), element_offset(coefficients(w, arc), arc, t, u))
         drift = _drift_at(work, strands[e], minus(place, vector(roots, strands[e], 0)))
-        moved = plus(times(gradient, vector(work.motion, e, _RATE)), cross(vector(work.motion, e, _ANGULAR), offset))
-        put(velocities, i, 0, plus(plus(drift, vector(work.motion, e, _LINEAR)), moved))
+        moves = _moves(u, t, vector(work.motion, e, ANGULAR), vector(work.motion, e, RATE))
+        put(velocities, i, 0, plus(plus(drift, vector(work.motion, e, LINEAR)), _moved(moves, w, arc)))
 
 
 @summing_device
 def _climb(work: Any, e: int, force: Vector, torque: Vector) -> tuple[Vector, Vector, Vector]:
     """A wrench at the end of element e: its base wrench and its load on the rates, before x is eliminated."""
     load = plus(
-        transposed_times(matrix(work.links, e, _GRADIENT), force),
-        transposed_times(matrix(work.links, e, _TURN), torque),
+        transposed_times(matrix(work.links, e, GRADIENT), force),
+        transposed_times(matrix(work.links, e, TURN), torque),
     )
-    return force, plus(torque, cross(vector(work.links, e, _OFFSET), force)), load
+    return force, plus(torque, cross(vector(work.links, e, OFFSET), force)), load
 
 
 @summing_device
 def _without_rates(work: Any, e: int, force: Vector, torque: Vector, load: Vector) -> tuple[Vector, Vector, Vector]:
     """The base wrench and L^-1 load, once x of element e is eliminated."""
-    eliminated = lower_times(symmetric(work.factors, e, _INVERSE), load)
-    force = minus(force, transposed_times(matrix(work.factors, e, _COUPLING), eliminated))
-    torque = minus(torque, transposed_times(matrix(work.factors, e, _COUPLING + 9), eliminated))
+    eliminated = lower_times(symmetric(work.factors, e, INVERSE), load)
+    force = minus(force, transposed_times(matrix(work.factors, e, COUPLING), eliminated))
+    torque = minus(torque, transposed_times(matrix(work.factors, e, COUPLING + 9), eliminated))
     return force, torque, eliminated
 
 
@@ -134,17 +167,25 @@ def _shared(a: Any, b: Any, count: int) -> float:
 
 @summing_device
 def _send_to_root(work: Any, begin: int, e: int, arc: float, loads: Any) -> None:
-    """L^-1 load on the rates of all elements from e to the root, for unit impulses along the three axes at a leg."""
+    """L^-1 load on the rates of all elements from e to the root, for unit impulses along the three axes at a leg.
+
+    Forces, torques and loads are matrices with a column for each axis; loads has a row for each.
+    """
     offset, gradient = _leg(work, e, arc)
-    for axis in range(3):
-        force = (1.0 if axis == 0 else 0.0, 1.0 if axis == 1 else 0.0, 1.0 if axis == 2 else 0.0)
-        torque, load = cross(offset, force), transposed_times(gradient, force)
-        force, torque, load = _without_rates(work, e, force, torque, load)
-        put(loads, axis, 3 * (e - begin), load)
-        for lower in range(e - 1, begin - 1, -1):
-            force, torque, load = _climb(work, lower, force, torque)
-            force, torque, load = _without_rates(work, lower, force, torque, load)
-            put(loads, axis, 3 * (lower - begin), load)
+    forces = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    torques = cross_matrix_product(offset, forces)
+    load = transposed_product(gradient, forces)
+    for lower in range(e, begin - 1, -1):
+        if lower < e:
+            load = transposed_product(matrix(work.links, lower, GRADIENT), forces)
+            load = add_matrix(load, 1.0, transposed_product(matrix(work.links, lower, TURN), torques))
+            torques = add_matrix(torques, 1.0, cross_matrix_product(vector(work.links, lower, OFFSET), forces))
+        load = lower_product(symmetric(work.factors, lower, INVERSE), load)
+        for axis in range(3):
+            for k in range(3):
+                loads[axis, 3 * (lower - begin) + k] = load[3 * k + axis]
+        forces = add_matrix(forces, -1.0, transposed_product(matrix(work.factors, lower, COUPLING), load))
+        torques = add_matrix(torques, -1.0, transposed_product(matrix(work.factors, lower, COUPLING + 9), load))
 
 
 @parallel_kernel
@@ -178,25 +219,26 @@ def _change_rates(rods: Any, work: Any, s: int, begin: int, end: int, loads: Any
     linear, angular = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for e in range(begin, end):
         met = plus(
-            times(matrix(work.factors, e, _COUPLING), linear), times(matrix(work.factors, e, _COUPLING + 9), angular)
+            times(matrix(work.factors, e, COUPLING), linear), times(matrix(work.factors, e, COUPLING + 9), angular)
         )
         load = minus(vector(loads, e - begin, 6), met)
-        x = lower_transposed_times(symmetric(work.factors, e, _INVERSE), load)
+        x = lower_transposed_times(symmetric(work.factors, e, INVERSE), load)
         _add_motion(rods, work, e, linear, angular, x)
-        turned = cross(angular, vector(work.links, e, _OFFSET))
-        linear = plus(linear, plus(times(matrix(work.links, e, _GRADIENT), x), turned))
-        angular = plus(angular, times(matrix(work.links, e, _TURN), x))
+        turned = cross(angular, vector(work.links, e, OFFSET))
+        linear = plus(linear, plus(times(matrix(work.links, e, GRADIENT), x), turned))
+        angular = plus(angular, times(matrix(work.links, e, TURN), x))
 
 
 @summing_device
 def _add_motion(rods: Any, work: Any, e: int, linear: Vector, angular: Vector, x: Vector) -> None:
-    put(work.motion, e, _LINEAR, plus(vector(work.motion, e, _LINEAR), linear))
-    put(work.motion, e, _ANGULAR, plus(vector(work.motion, e, _ANGULAR), angular))
-    put(work.motion, e, _RATE, plus(vector(work.motion, e, _RATE), x))
-    change = transposed_times(matrix(work.poses, e, _FRAME), x)
+    put(work.motion, e, LINEAR, plus(vector(work.motion, e, LINEAR), linear))
+    put(work.motion, e, ANGULAR, plus(vector(work.motion, e, ANGULAR), angular))
+    put(work.motion, e, RATE, plus(vector(work.motion, e, RATE), x))
+    change = transposed_times(matrix(work.poses, e, FRAME), x)
     put(work.rates, e, 0, plus(vector(work.rates, e, 0), change))
+    u = vector(work.poses, e, DARBOUX)
+    w, moves = math.sqrt(dot(u, u)), _moves(u, _base_tangent(work, e), angular, x)
     for p in range(N_QUADRATURE):
-        offset, gradient = _leg(work, e, NODES[p] * rods.lengths[e])
-        moved = plus(linear, plus(cross(angular, offset), times(gradient, x)))
+        moved = _moved(moves, w, NODES[p] * rods.lengths[e])
         for i in range(3):
-            work.velocities[e, p, i] += moved[i]
+            work.velocities[e, p, i] += linear[i] + moved[i]

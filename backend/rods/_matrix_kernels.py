@@ -241,3 +241,19 @@ def lower_times_transposed(f: Symmetric, m: Matrix) -> Matrix:
         f[3] * m[3] + f[4] * m[4] + f[5] * m[5],
         f[3] * m[6] + f[4] * m[7] + f[5] * m[8],
     )
+
+
+@summing_device
+def lower_product(f: Symmetric, m: Matrix) -> Matrix:
+    """L^-1 m."""
+    return (
+        f[0] * m[0],
+        f[0] * m[1],
+        f[0] * m[2],
+        f[1] * m[0] + f[2] * m[3],
+        f[1] * m[1] + f[2] * m[4],
+        f[1] * m[2] + f[2] * m[5],
+        f[3] * m[0] + f[4] * m[3] + f[5] * m[6],
+        f[3] * m[1] + f[4] * m[4] + f[5] * m[7],
+        f[3] * m[2] + f[4] * m[5] + f[5] * m[8],
+    )
