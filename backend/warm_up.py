@@ -16,9 +16,10 @@ from .geometry.scalp_space import fit_scalp_space, unroot_strands
 from .geometry.strands import select_strands
 from .kernels import KERNELS
 from .progress import NO_PROGRESS, Progress, subrange
-from .rods.contacts import Solid
+from .rods.contacts import ContactParams, ContactSolver, Solid, find_contacts
 from .rods.dynamics import Stepper
 from .rods.energies import generalised_force
+from .rods.equilibrium import find_rest_shape
 from .rods.fitting import FitParams, fit_helices
 from .rods.guides import choose_guides
 from .rods.helices import Helices, evaluate
@@ -60,6 +61,7 @@ def compile_all(progress: Progress = NO_PROGRESS) -> int:
     helices = fit_helices(strands, FitParams(polish=1)).helices
     evaluate(helices, 2)
     _step_rods(helices)
+    _rest_on_head(helices, strands, head)
     progress(0.98, "Compiling: comb")
     _comb_in_all_modes(strands, head)
     progress(0.99, "Compiling: followers")
@@ -80,6 +82,22 @@ def _step_rods(helices: Helices) -> None:
     stepper.end(state)
     stepper.energies()
     generalised_force(rods, state.roots, state.frames, state.curvatures, gravity)
+
+
+def _rest_on_head(helices: Helices, strands: StrandSet, head: Head) -> None:
+    """The rest shape of rods thick enough to touch the head and each other, and a step in contact from there."""
+    rods, state = make_rods(helices, MaterialParams(), radius=0.02), initial_state(helices)
+    solids = [Solid(comb_collider([head], strands.roots), np.eye(4), np.eye(4))]
+    params, gravity = ContactParams(self_contact=True), np.array([0.0, 0.0, -9.81])
+    contacts = find_contacts(rods, params, helices, solids)
+    found = find_rest_shape(rods, helices, gravity, contacts)
+    stepper = Stepper(found.rods)
+    solver = ContactSolver(found.rods, params, stepper)
+    solver.set_rest(state.roots, state.frames, state.curvatures, solids)
+    solver.set_static(contacts, found.forces)
+    stepper.begin(state, state.roots, state.frames, 0.01, gravity, np.zeros_like(rods.rest))
+    solver.solve(solids, 0.01)
+    stepper.end(state)
 
 
 def _comb_in_all_modes(strands: StrandSet, head: Head) -> None:
