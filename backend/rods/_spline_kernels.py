@@ -170,7 +170,7 @@ def _parameter_at(arc: float, step: float, start: float, middle: float, end: flo
     linear, square = -3.0 * start + 4.0 * middle - end, 2.0 * (start - 2.0 * middle + end)
     whole = step * (start + 4.0 * middle + end) / 6.0
     u = arc / whole if whole > 0.0 else 0.0
-    for _ in range(3):
+    for _ in range(2):  # pieces need only nearly equal lengths
         speed = start + u * (linear + u * square)
         if speed * step <= 1e-3 * whole:
             break
