@@ -57,6 +57,10 @@ def _linked() -> Iterator[bpy.types.Curves]:
     return (curves for curves in bpy.data.hair_curves if curves.get(LINK))
 
 
+def _users(curves: bpy.types.Curves) -> list[bpy.types.Object]:
+    return [obj for obj in bpy.data.objects if obj.type == "CURVES" and obj.data == curves]
+
+
 def attach(obj: bpy.types.Object, cache: str | os.PathLike[str]) -> None:
     """Let `obj` play the cache in a folder from now on, at once at the current frame.
 
@@ -74,9 +78,10 @@ def attach(obj: bpy.types.Object, cache: str | os.PathLike[str]) -> None:
     if curves.get(LINK) is None or bridge.rest(curves) is None:
         bridge.keep_rest(curves)
     curves[LINK] = _link_text(path, bpy.data.filepath)
-    _add_motion_blur(obj)
-    if BAKED in obj.modifiers:
-        obj.modifiers.remove(obj.modifiers[BAKED])
+    for user in _users(curves):
+        _add_motion_blur(user)
+        if BAKED in user.modifiers:
+            user.modifiers.remove(user.modifiers[BAKED])
     play_again(obj)
 
 
@@ -99,9 +104,8 @@ def detach(obj: bpy.types.Object, *, keep_shape: bool = False) -> None:
     bridge.drop_rest(curves)
     del curves[LINK]
     curves.pop(EDIT_MARK, None)
-    for user in bpy.data.objects:
-        if user.data == curves:
-            _remove_motion_blur(user)
+    for user in _users(curves):
+        _remove_motion_blur(user)
     curves.update_tag()
 
 

@@ -28,7 +28,8 @@ class Player:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.reader = CacheReader(folder)
-        self._shown = np.empty((self.reader.n_points, 3), np.float32)
+        # made when a frame is shown: until then nobody has compared what the header says with the groom
+        self._shown = np.empty((0, 3), np.float32)
         self._scratch = np.empty(0, np.float32)
         self._knows_what_is_shown = False
 
@@ -51,17 +52,22 @@ class Player:
 
     def show(self, curves: bpy.types.Curves, frame: float) -> None:
         """Write the positions of `frame`, a number of the scene's, between frames too; `check` comes first."""
-        self._knows_what_is_shown = False
-        self.reader.frame(frame, self._shown)
+        self._read(frame)
         write_values(curves.position_data, "vector", self._shown, np.float32, 3)
         curves.update_tag()
         self._knows_what_is_shown = True
 
     def learn(self, curves: bpy.types.Curves, frame: float) -> None:
         """After loading and undo: are the positions those of `frame`? Then later edits can be told."""
-        self.reader.frame(frame, self._shown)
+        self._read(frame)
         self._knows_what_is_shown = True
         self._knows_what_is_shown = not self.is_edited(curves)
+
+    def _read(self, frame: float) -> None:
+        self._knows_what_is_shown = False
+        if not self._shown.size:
+            self._shown = np.empty((self.reader.n_points, 3), np.float32)
+        self.reader.frame(frame, self._shown)
 
     def is_edited(self, curves: bpy.types.Curves) -> bool:
         """Are the positions others than this player wrote last? Not, as long as it does not know."""

@@ -165,6 +165,28 @@ def test_duplicates_play_and_are_freed_alone(hair, played, playback, tmp_path):
     assert (tmp_path / "cache" / "header.json").exists()
 
 
+def test_linked_duplicates_share_playback_and_blur(hair, playback, tmp_path):
+    bpy.ops.object.duplicate(linked=True)
+    frames = simulated(tmp_path / "cache", hair)
+    playback.attach(hair, tmp_path / "cache")
+    other = bpy.data.objects["Hair.001"]
+    bpy.context.scene.frame_set(3)
+    assert np.array_equal(shown("Hair.001"), frames[2])
+    assert all(obj.is_deform_modified(bpy.context.scene, "RENDER") for obj in (hair, other))
+    playback.detach(other)
+    assert [len(obj.modifiers) for obj in (hair, other)] == [0, 0]
+
+
+def test_a_hostile_header_takes_no_memory(hair, played, playback, tmp_path):
+    header = tmp_path / "cache" / "header.json"
+    header.write_text(header.read_text().replace('"n_points": 320', '"n_points": 2147483647'))
+    with pytest.raises(scenes.module("backend.errors").InputError, match="2,147,483,647 points"):
+        playback.attach(hair, tmp_path / "cache")
+    scenes.reload(tmp_path)
+    bpy.context.scene.frame_set(4)
+    assert state() == playback.BROKEN
+
+
 def test_free_cache_deletes_the_files_and_undo_says_so(hair, played, playback, tmp_path):
     bpy.context.scene.frame_set(3)
     bpy.ops.ed.undo_push(message="before")
