@@ -219,11 +219,11 @@ class FollowerSettings(UnitsGroup, bpy.types.PropertyGroup):
         description="How far from the root a scalp that bends pulls a strand away from what its guides do",
     )  # fmt: skip
     training: BoolProperty(
-        name="Train Weights", default=False,
+        name="Train Weights", default=True,
         description="Simulate some of the other hair for a moment first, and follow the guides so that it moves alike",
     )  # fmt: skip
     training_strands: IntProperty(
-        name="Training Strands", default=2000, min=1, soft_max=10_000, max=1_000_000,
+        name="Training Strands", default=20_000, min=1, soft_max=100_000, max=1_000_000,
         description="Strands that are simulated for the training, at most",
     )  # fmt: skip
     training_frames: IntProperty(

@@ -42,8 +42,8 @@ class FollowerParams:
     power: float = 2.0
     clumping: float = 0.5
     root_reach: float = 0.03
-    training: bool = False
-    training_strands: int = 2000
+    training: bool = True
+    training_strands: int = 20_000
     training_frames: int = 24
     ridge: float = 0.02
     seed: int = 0
