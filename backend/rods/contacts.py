@@ -30,6 +30,7 @@ from .detection import (
     place_legs,
     sample_rods,
     solid_contacts,
+    solid_offsets,
 )
 from .dynamics import Stepper
 from .helices import Helices
@@ -39,6 +40,8 @@ __all__ = ["ContactParams", "ContactSet", "ContactSolver", "ContactStatistics", 
 
 # Approach of strands to each other in a step, m, beyond which they may miss each other: bounds the pairs looked at.
 _PAIR_REACH = 0.01
+# Of the spacing: between strands the straight parts between samples must follow the curls.
+_PAIR_SPACING = 0.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,15 +49,16 @@ class ContactParams:
     """How hair meets solids and itself.
 
     radius : m, of a guide with the hair around it; this much it keeps off. self_contact : strands touch each other
-    (parts of the same strand never do). spacing : m between the places along a strand where contact is looked for.
+    (parts of the same strand never do). spacing : m between the places along a strand where contact is looked for; on a
+    head of 0.1 m, hair between them comes nearer by spacing^2 / 0.8 m, which should be less than the radius.
     margin : m; places that come this near without contact are solved too. push_speed : m/s, at most, with which what
     is too deep is pushed out. tolerance : m/s, of Coulomb's law. iterations : most sweeps over the contacts.
     """
 
     radius: float = 0.001
     self_contact: bool = False
-    spacing: float = 0.015
-    margin: float = 0.001
+    spacing: float = 0.025
+    margin: float = 0.0005
     push_speed: float = 0.2
     tolerance: float = 2e-5
     iterations: int = 20
@@ -85,33 +89,31 @@ class ContactStatistics:
     n_islands: int = 0
 
 
-def find_contacts(
-    rods: Rods, params: ContactParams, helices: Helices, solids: Sequence[Solid], *, samples: Samples | None = None
-) -> ContactSet:
+def find_contacts(rods: Rods, params: ContactParams, helices: Helices, solids: Sequence[Solid]) -> ContactSet:
     """Contacts of a pose at rest: all places within a radius of a solid, or of two strands' radii (B-22, M-26).
 
-    Their offsets are their gaps. helices : the pose, world. samples : where to look; None for sample_rods.
+    Their offsets are their gaps. helices : the pose, world.
     """
-    samples = sample_rods(rods, params.spacing) if samples is None else samples
-    points = place_legs(helices, samples.elements, samples.arcs)
-    radius = np.tile(rods.radius[samples.strands], (len(solids), 1))
-    found = (
-        [solid_contacts(samples, points, np.zeros_like(points), solids, rods.friction, radius, 0.0)] if solids else []
-    )
+    found = []
+    if solids:
+        samples = sample_rods(rods, params.spacing)
+        points = place_legs(helices, samples.elements, samples.arcs)
+        radius = solid_offsets(samples, rods.radius, len(solids))
+        found.append(solid_contacts(samples, points, np.zeros_like(points), solids, rods.friction, radius, 0.0))
     if params.self_contact:
-        found.append(_pairs_at_rest(rods, samples, points, helices))
+        found.append(_pairs_at_rest(rods, sample_rods(rods, _PAIR_SPACING * params.spacing), helices))
     contacts = join_contacts(found) if found else no_contacts()
     return replace(contacts, offsets=contacts.gaps.copy())
 
 
-def _pairs_at_rest(rods: Rods, samples: Samples, points: Float64, helices: Helices) -> ContactSet:
+def _pairs_at_rest(rods: Rods, samples: Samples, helices: Helices) -> ContactSet:
     """Contacts between strands that are nearer than their radii together."""
-    reach = 2.0 * float(rods.radius.max())
-    pairs, places = near_pairs(samples, points, np.zeros_like(points), reach, reach)
 
     def place(elements: Int32, arcs: Float64) -> Float64:
         return place_legs(helices, elements, arcs)
 
+    points, reach = place(samples.elements, samples.arcs), 2.0 * float(rods.radius.max())
+    pairs, places = near_pairs(samples, points, np.zeros_like(points), reach, reach)
     contacts = pair_contacts(samples, points, pairs, places, place, rods.friction, rods.radius)
     return contacts.select(contacts.gaps < contacts.offsets)
 
@@ -122,6 +124,7 @@ class ContactSolver:
     def __init__(self, rods: Rods, params: ContactParams, stepper: Stepper) -> None:
         self._rods, self._params, self._stepper = rods, params, stepper
         self._samples = sample_rods(rods, params.spacing)
+        self._pair_samples = sample_rods(rods, _PAIR_SPACING * params.spacing) if params.self_contact else None
         self._offsets: Float64 | None = None
         self._pair_keys, self._pair_offsets = np.empty(0, np.int64), np.empty(0)
         # forces, N in the contacts' axes, by key in ascending order
@@ -136,8 +139,8 @@ class ContactSolver:
         """
         rods, samples = self._rods, self._samples
         helices = Helices(roots, frames, rods.offsets, rods.lengths, curvatures)
-        contacts = find_contacts(rods, self._params, helices, solids, samples=samples)
-        self._offsets = np.tile(rods.radius[samples.strands], (len(solids), 1))
+        contacts = find_contacts(rods, self._params, helices, solids)
+        self._offsets = solid_offsets(samples, rods.radius, len(solids))
         on_solid = contacts.solids >= 0
         self._offsets.reshape(-1)[contacts.keys[on_solid]] = contacts.gaps[on_solid]
         keys = self._strand_pairs(contacts.select(~on_solid))
@@ -162,7 +165,7 @@ class ContactSolver:
         InputError : another number of solids than at rest.
         """
         if self._offsets is None:
-            self._offsets = np.tile(self._rods.radius[self._samples.strands], (len(solids), 1))
+            self._offsets = solid_offsets(self._samples, self._rods.radius, len(solids))
         known = len(self._offsets)
         require(known == len(solids), f"there are {len(solids)} solids now and {known} at rest; keep them the same")
         contacts, deepest = self._find(solids, dt)
@@ -180,35 +183,47 @@ class ContactSolver:
             legs, contacts.axes, blocks, block_offsets, velocities, contacts.friction, dt * self._start(contacts.keys),
             tolerance=self._params.tolerance, iterations=self._params.iterations,
         )  # fmt: skip
-        pushes = np.einsum("cij,ci->cj", contacts.axes, impulses)
-        self._stepper.apply(legs.offsets, elements, arcs, np.concatenate([pushes, -pushes[paired]])[legs.order])
+        self._push(contacts, legs, elements, arcs, impulses)
         self._keep(contacts, impulses / dt)
         pressing = impulses[:, 0] > 0
         sliding = np.hypot(impulses[:, 1], impulses[:, 2]) >= contacts.friction * impulses[:, 0] * (1 - 1e-9)
         counts = contacts.n_contacts, int(pressing.sum()), int((pressing & sliding).sum())
         return ContactStatistics(*counts, deepest, report.residual, report.sweeps, report.n_islands)
 
+    def _push(self, contacts: ContactSet, legs: Legs, elements: Int32, arcs: Float64, impulses: Float64) -> None:
+        """Give the stepper the impulses (c, 3), contact axes, of the legs that press."""
+        world = np.einsum("cij,ci->cj", contacts.axes, impulses)
+        world = np.concatenate([world, -world[contacts.solids < 0]])[legs.order]
+        pressing = world.any(axis=1)
+        offsets = np.concatenate([[0], np.cumsum(pressing)])[legs.offsets]
+        self._stepper.apply(offsets, elements[pressing], arcs[pressing], world[pressing])
+
     def _find(self, solids: Sequence[Solid], dt: float) -> tuple[ContactSet, float]:
         """What touches or would within the step, and how much deeper than at rest a sample is in a solid."""
-        params, samples, rods, stepper = self._params, self._samples, self._rods, self._stepper
-        points, before = stepper.points(samples.elements, samples.arcs)
-        moves = dt * stepper.free_velocities(samples.elements, samples.arcs) - (points - before)
+        params, samples, rods = self._params, self._samples, self._rods
         found, deepest = [], 0.0
         assert self._offsets is not None
         if solids:
+            points, moves = self._predicted(samples, dt)
             near = solid_contacts(samples, points, moves, solids, rods.friction, self._offsets, params.margin)
             deepest = float((np.minimum(near.offsets, 0.0) - near.gaps).max(initial=0.0))
             found.append(near)
-        if params.self_contact:
+        if self._pair_samples is not None:
+            points, moves = self._predicted(self._pair_samples, dt)
             touching = 2.0 * float(rods.radius.max()) + params.margin
-            pairs, places = near_pairs(samples, points, moves, touching + _PAIR_REACH, touching)
+            pairs, places = near_pairs(self._pair_samples, points, moves, touching + _PAIR_REACH, touching)
 
             def place(elements: Int32, arcs: Float64) -> Float64:
-                return stepper.points(elements, arcs)[0]
+                return self._stepper.points(elements, arcs)[0]
 
-            contacts = pair_contacts(samples, points, pairs, places, place, rods.friction, rods.radius)
+            contacts = pair_contacts(self._pair_samples, points, pairs, places, place, rods.friction, rods.radius)
             found.append(replace(contacts, offsets=self._lowered(contacts)))
         return (join_contacts(found) if found else no_contacts()), deepest
+
+    def _predicted(self, samples: Samples, dt: float) -> tuple[Float64, Float64]:
+        """r~ (n, 3) of samples, m, and how far the rates without contact would still move them."""
+        points, before = self._stepper.points(samples.elements, samples.arcs)
+        return points, dt * self._stepper.free_velocities(samples.elements, samples.arcs) - (points - before)
 
     def _relative_velocities(
         self, contacts: ContactSet, legs: Legs, elements: Int32, arcs: Float64, solids: Sequence[Solid], dt: float
