@@ -202,8 +202,7 @@ def interpolate(
     """
     check_array("points", points, np.float64, followers.guide_points.shape)
     check_array("frames", frames, np.float64, followers.guide_frames.shape)
-    right = isinstance(out, np.ndarray) and out.dtype == np.float32 and out.shape == followers.points.shape
-    require(right and out.flags.c_contiguous, f"out must be float32 of shape {followers.points.shape} in C order")
+    _check_hair("out", out, followers)
     motions, centre = motions_of_guides(followers, points, frames)
     move_strands(
         np.ascontiguousarray(followers.points),
@@ -256,16 +255,22 @@ def keep_out(
     ------
     InputError : arrays that do not fit the followers.
     """
-    check_array("points", points, np.float32, followers.points.shape)
-    require(points.flags.c_contiguous, "points must be in C order")
+    _check_hair("points", points, followers)
     allowed = np.zeros(len(points), np.float32) if depths is None else depths
-    check_array("depths", allowed, np.float32, (len(points),))
+    fits = allowed.dtype == np.float32 and allowed.shape == (len(points),)
+    require(fits, f"depths must be float32 of shape ({len(points)},), one a point; find them for this groom")
     for solid in solids:
         collider = solid.collider
         matrix, inverse = np.ascontiguousarray(solid.matrix, np.float64), np.linalg.inv(solid.matrix)
         push_out(
             points, followers.offsets, allowed, collider.distance, collider.origin, collider.cell, matrix, inverse
         )  # fmt: skip
+
+
+def _check_hair(name: str, points: Float32, followers: Followers) -> None:
+    """Not whether it is finite, which takes as long as half the interpolation."""
+    right = isinstance(points, np.ndarray) and points.dtype == np.float32 and points.shape == followers.points.shape
+    require(right and points.flags.c_contiguous, f"{name} must be float32 of shape {followers.points.shape} in C order")
 
 
 def motions_of_guides(followers: Followers, points: Float64, frames: Float64) -> tuple[Float32, Float64]:

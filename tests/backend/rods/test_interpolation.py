@@ -298,6 +298,10 @@ def test_bad_input(followers, guides, hair):
     for out in (np.empty((3, 3), np.float32), np.empty(followers.points.shape), followers.points.T.copy().T):
         with pytest.raises(InputError, match="out must be float32"):
             interpolate(followers, *now, out)
+    with pytest.raises(InputError, match="points must be float32"):
+        keep_out(followers, np.empty((3, 3), np.float32), [])
+    with pytest.raises(InputError, match="depths must be float32"):
+        keep_out(followers, followers.points.copy(), [], np.zeros(3, np.float32))
     with pytest.raises(InputError, match="points must have shape"):
         interpolate(followers, now[0][:3], now[1], np.empty_like(followers.points))
     with pytest.raises(InputError, match="roots must have shape"):
