@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -152,6 +153,14 @@ class ContactSolver:
         """Forces (c, 3), N, world, on the first legs of contacts at rest: what the first step starts from."""
         require(forces.shape == (contacts.n_contacts, 3), "there must be one static force for each contact")
         self._keep(contacts, np.einsum("cij,cj->ci", contacts.axes, forces))
+
+    def save(self) -> dict[str, Any]:
+        """What the next step starts from; values that a bundle can hold."""
+        return {"keys": self._keys, "forces": self._forces}
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Start the next step from what `save` gave."""
+        self._keys, self._forces = saved["keys"], saved["forces"]
 
     def solve(self, solids: Sequence[Solid], dt: float) -> ContactStatistics:
         """Find the contacts of the step that the stepper has begun, solve them, apply their impulses.

@@ -113,6 +113,7 @@ class Simulation:
             "rates": now.rates,
             "velocities": now.velocities,
             "starts": self._starts,
+            "contact": self._contact.save(),
             "log": self.log,
         }
 
@@ -129,6 +130,7 @@ class Simulation:
         names = ("roots", "frames", "curvatures", "rates", "velocities")
         self.state = RodState(**{name: saved[name] for name in names})
         self._starts = saved["starts"]
+        self._contact.restore(saved["contact"])
 
     def _log_entry(self, statistics: ContactStatistics) -> dict[str, Any]:
         energies = self._stepper.energies()
