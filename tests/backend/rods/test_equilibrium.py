@@ -389,6 +389,11 @@ def test_without_gravity_nothing_changes() -> None:
     assert (found.stability == 1.0).all() and (found.residual == 0.0).all()
 
 
+def test_no_guides() -> None:
+    none = Helices(np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(1, np.int32), np.zeros(0), np.zeros((0, 3)))
+    assert find_rest_shape(hair(none), none, GRAVITY).report()["n_guides"] == 0
+
+
 def test_bad_input() -> None:
     helices = wavy(3)
     with pytest.raises(InputError, match="different elements"):
