@@ -264,9 +264,11 @@ def _signed_distance(solid: _Solid, origin: Float64, cell: float, shape: tuple[i
     coarse_nodes = _STRIDE * _nodes(np.arange(coarse_sign.size), coarse_sign.shape)
     coarse = coarse_sign * unsigned(coarse_nodes).reshape(coarse_sign.shape).astype(np.float32)
     distance = _between(coarse)
-    # a node that is not near has no surface in the cells around it: at least a cell away, on the side of its sign
+    # a node that is not near has no surface in the cells around it: at least a cell away, on the side of its sign;
+    # where the interpolation says less, as between folds, it is asked too, so that no plateau hides the way out
     distance *= sign
-    np.maximum(distance, np.float32(cell), out=distance)
+    doubtful = np.flatnonzero((distance < cell) & ~in_crossed_cell)
+    distance.reshape(-1)[doubtful] = np.maximum(unsigned(_nodes(doubtful, shape)), cell)
     distance.reshape(-1)[near] = near_distance
     distance *= sign
     _lower_where_middles_are_deeper(distance, solid, unsigned, in_crossed_cell, origin, cell)

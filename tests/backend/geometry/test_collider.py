@@ -364,6 +364,20 @@ def test_what_is_in_a_real_head_is_never_outside_for_the_comb(sintel):
     assert (comb_collider([head], roots).distance_at(deep) < 0).all()
 
 
+def test_there_is_a_way_out_from_everywhere_near_the_surface(sintel):
+    """No plateaus: hair that is a few millimetres in finds its way by the gradient, between ear and head too."""
+    head, roots = sintel
+    collider = comb_collider([head], roots)
+    generator = np.random.default_rng(5)
+    points = generator.uniform(roots.min(axis=0), roots.max(axis=0), (200_000, 3))
+    deep = HeadSurface(head).signed_distance(points)
+    points = points[(deep < -0.001) & (deep > -0.01)]
+    assert len(points) > 5000
+    steep = np.linalg.norm(collider.gradient_at(points), axis=1)
+    # at the middle between two walls it is 0, but those are few
+    assert (steep < 0.05).mean() < 0.001
+
+
 def test_real_head(sintel):
     near, around = scalp_errors(sintel[0], 0.001), scalp_errors(sintel[0], 0.01)
     # the scalp of this hair reaches the ears, whose edges are as thin as a cell
