@@ -170,7 +170,7 @@ class EquilibriumSettings(ParamsGroup, bpy.types.PropertyGroup):
         description="Largest factor by which a guide is stiffened; a guide that needs more is reported as unstable",
     )  # fmt: skip
     force_cost: FloatProperty(
-        name="Cost of Contact", default=1e-3, min=0.0, soft_max=1.0, max=1e5, precision=4,
+        name="Cost of Contact", default=0.1, min=0.0, soft_max=1.0, max=1e5, precision=4,
         description="How much resting contacts may press to hold the hair up: at 0 as much as helps the shape most, "
         "greater values let the hair's own stiffness carry more",
     )  # fmt: skip
@@ -252,11 +252,11 @@ class ContactSettings(UnitsGroup, bpy.types.PropertyGroup):
         description="Guides also collide with each other and rub; takes longer",
     )  # fmt: skip
     spacing: FloatProperty(
-        name="Spacing (mm)", default=15.0, min=0.1, soft_max=50.0, max=1e5, precision=1, step=100,
+        name="Spacing (mm)", default=25.0, min=0.1, soft_max=50.0, max=1e5, precision=1, step=100,
         description="Distance along a guide between the places where contact is looked for",
     )  # fmt: skip
     margin: FloatProperty(
-        name="Margin (mm)", default=1.0, min=0.0, soft_max=10.0, max=1e5, precision=2, step=10,
+        name="Margin (mm)", default=0.5, min=0.0, soft_max=10.0, max=1e5, precision=2, step=10,
         description="Places that come this near to a surface are watched even before they touch it",
     )  # fmt: skip
     push_speed: FloatProperty(
@@ -317,7 +317,8 @@ class SimulationSettings(ParamsGroup, bpy.types.PropertyGroup):
         description="Speed of the air that a force field of strength 1 makes; Blender's fields have no unit",
     )  # fmt: skip
     cache_folder: StringProperty(
-        name="Cache", default="//hairloom_cache/", subtype="DIR_PATH", options={"OUTPUT_PATH"},
+        name="Cache", default="//hairloom_cache/", subtype="DIR_PATH",
+        options={"OUTPUT_PATH", "PATH_SUPPORTS_BLEND_RELATIVE"},
         description="Folder for the simulated frames, 12 bytes a point and frame. A folder starting with // lies "
         "beside the file; in a file that was never saved it is temporary",
     )  # fmt: skip

@@ -12,34 +12,46 @@ from . import attributes, curves
 
 BREAK = "hairloom_break"
 POINTS_PER_ELEMENT = 8
-_LINE, _BREAK_POINT = (0.05, 0.25, 0.8, 1.0), (1.0, 0.25, 0.02, 1.0)
-_RADIUS, _BREAK_RADIUS = 2e-4, 1e-3  # metres
+_LINE, _MARK = (0.02, 0.12, 0.6, 1.0), (1.0, 0.2, 0.01, 1.0)
+_RADIUS = 2e-4  # metres
+_MARK_SIZE = 1.2e-3  # metres from a break point to the ends of its star
 
 
 def overlay_strands(helices: Helices) -> StrandSet:
-    """The helices as strands with POINTS_PER_ELEMENT points an element and the root.
+    """The helices as strands, POINTS_PER_ELEMENT points an element and the root, then a star of three short strands at
+    each break point, where two elements meet: strands are what every version of Blender draws.
 
-    Point attributes: `hairloom_break` bool, where two elements meet; radius and colour that show those points.
+    Point attributes: `hairloom_break` bool, the points of helices that are break points; radius and colour.
     """
     elements = _single_elements(helices)
     steps, _ = evaluate(elements, POINTS_PER_ELEMENT + 1)
     counts = POINTS_PER_ELEMENT * helices.element_counts + 1
-    offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-    is_root = np.zeros(offsets[-1], np.bool_)
-    is_root[offsets[:-1]] = True
-    points = np.empty((offsets[-1], 3), np.float32)
+    ends = np.cumsum(counts)
+    starts = ends - counts
+    is_root = np.zeros(ends[-1], np.bool_)
+    is_root[starts] = True
+    points = np.empty((ends[-1], 3), np.float32)
     points[is_root] = helices.roots
     points[~is_root] = steps[:, 1:].reshape(-1, 3)
-    along = np.arange(offsets[-1]) - np.repeat(offsets[:-1], counts)
+    along = np.arange(ends[-1]) - np.repeat(starts, counts)
     is_break = along % POINTS_PER_ELEMENT == 0
-    ends = np.concatenate([offsets[:-1], offsets[1:] - 1])
-    is_break[ends] = False
+    is_break[starts] = is_break[ends - 1] = False
+    stars = _stars(points[is_break])
+    is_star = np.arange(len(points) + len(stars)) >= len(points)
+    per_strand = np.concatenate([counts, np.full(len(stars) // 2, 2)])
     shown = {
-        BREAK: is_break,
-        "radius": np.where(is_break, _BREAK_RADIUS, _RADIUS).astype(np.float32),
-        material.WISP_COLOR: np.where(is_break[:, None], _BREAK_POINT, _LINE).astype(np.float32),
+        BREAK: np.concatenate([is_break, np.zeros(len(stars), np.bool_)]),
+        "radius": np.full(len(is_star), _RADIUS, np.float32),
+        material.WISP_COLOR: np.where(is_star[:, None], _MARK, _LINE).astype(np.float32),
     }
-    return StrandSet(points, offsets, shown)
+    offsets = np.concatenate([[0], np.cumsum(per_strand)]).astype(np.int32)
+    return StrandSet(np.concatenate([points, stars]), offsets, shown)
+
+
+def _stars(places: np.ndarray) -> np.ndarray:
+    """(6 n, 3) float32: three strands of two points along the axes through each place (n, 3)."""
+    ways = _MARK_SIZE * np.stack([-np.eye(3), np.eye(3)], axis=1)
+    return (places[:, None, None] + ways).reshape(-1, 3).astype(np.float32)
 
 
 def _single_elements(helices: Helices) -> Helices:

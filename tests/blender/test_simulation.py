@@ -167,13 +167,20 @@ def test_no_guides_no_simulation(groom):
 def test_helices_are_shown_with_their_break_points(guided):
     bpy.ops.hairloom.fit_helices()
     shown = bpy.data.objects["Hair Helices"]
-    assert (shown.parent, shown.hide_render, len(shown.data.curves)) == (guided, True, N_GUIDES)
+    assert (shown.parent, shown.hide_render) == (guided, True)
     outputs = scenes.module("backend.registry").run_job(
         "fit_helices", scenes.module("bridge.simulation").fit_inputs(guided), settings().fit.to_params()
     )
     helices = outputs["fit"].helices
     is_break = scenes.values(shown, "hairloom_break", np.bool_)
-    assert is_break.sum() == (helices.element_counts - 1).sum()
+    n_breaks = (helices.element_counts - 1).sum()
+    assert is_break.sum() == n_breaks
+    assert len(shown.data.curves) == N_GUIDES + 3 * n_breaks
+    # each star is around its break point, and has another colour
+    stars = world(shown)[len(is_break) - 6 * n_breaks :].reshape(n_breaks, 6, 3)
+    assert np.abs(stars.mean(axis=1) - world(shown)[is_break]).max() < 1e-6
+    color = scenes.values(shown, "hairloom_wisp_color", np.float32, 4, "color")
+    assert len(np.unique(color, axis=0)) == 2
     # a strand's helices end where the whole strand does, so every piece starts in the right place and frame
     tips = scenes.module("backend.rods.helices").evaluate(helices, 2)[0][:, 1]
     counts = 8 * helices.element_counts + 1

@@ -32,6 +32,8 @@ PICTURES = {
     "comb_after": "comb_after",
     "sintel_before": "comb_sintel_before",
     "sintel_after": "comb_sintel_after",
+    "simulation_helices": "simulation_helices",
+    "simulation_scrubbed": "simulation",
 }
 
 
