@@ -9,7 +9,8 @@ import bpy
 import numpy as np
 import pytest
 import scenes
-from test_playback import N_FRAMES, across, bright, rendered, shown, simulated, studio
+from caches import N_FRAMES, simulated
+from test_playback import across, bright, rendered, shown, studio
 
 needs_alembic = pytest.mark.skipif(not bpy.app.build_options.alembic, reason="this Blender was built without Alembic")
 
