@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,13 +23,14 @@ from scipy.spatial.transform import Rotation
 
 Row = dict[str, Any]
 RADIUS, LENGTH = 0.09, 0.25
+PRESSING = 8.0  # 1/m
 DT, GRAVITY = 1 / 48, np.array([0.0, 0.0, -9.81])
 TARGETS = {(1000, 10): 0.008}  # issue 4, with contact; 20 elements: at most 2.2 times 10
 ELEMENTS, GUIDES = (5, 10, 20, 25), (100, 300, 3000, 10_000)
 
 
 def guides_on_sphere(n_guides: int, n_elements: int) -> Helices:
-    """Guides from the upper hemisphere, bent downwards over the sphere and each a little differently."""
+    """Guides from the upper hemisphere that lie over the sphere, each a little differently."""
     rng = np.random.default_rng(0)
     normals = rng.normal(size=(n_guides, 3))
     normals[:, 2] = np.abs(normals[:, 2])
@@ -36,10 +38,10 @@ def guides_on_sphere(n_guides: int, n_elements: int) -> Helices:
     sideways = np.cross([0.0, 0.0, 1.0], normals)
     sideways /= np.linalg.norm(sideways, axis=1)[:, None]
     along = np.cross(sideways, normals)
-    tangents = 0.6 * normals + 0.8 * along
+    tangents = 0.28 * normals + 0.96 * along
     frames = np.stack([tangents, sideways, np.cross(tangents, sideways)], axis=2)
     curvatures = rng.normal(size=(n_guides, n_elements, 3)) * 1.5
-    curvatures[:, :, 1] += 6.0  # about n1: downwards
+    curvatures[:, :, 1] += 8.0  # about n1: downwards, nearly as the sphere
     return Helices(
         roots=normals * RADIUS,
         frames=np.ascontiguousarray(frames),
@@ -61,7 +63,9 @@ class Shake:
 
     def __init__(self, n_guides: int, n_elements: int, contact: bool) -> None:
         self.helices = guides_on_sphere(n_guides, n_elements)
-        self.rods: Rods = make_rods(self.helices, MaterialParams(stiffness_scale=10.0))
+        rods = make_rods(self.helices, MaterialParams(stiffness_scale=10.0))
+        # naturally more curved than the head is, so that most of the hair presses on it
+        self.rods: Rods = replace(rods, rest=rods.rest + np.array([0.0, PRESSING, 0.0]))
         self.state: RodState = initial_state(self.helices)
         self.stepper = Stepper(self.rods)
         self.wind = np.tile([1.0, 0.5, 0.0], (self.rods.n_elements, 1))
