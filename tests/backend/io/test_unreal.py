@@ -131,6 +131,18 @@ def test_the_strands_own_guide_is_among_the_three():
     assert not (guides[nearest] == own[:, None]).any(axis=1).all()
 
 
+def test_weights_fall_with_the_square_of_the_distance():
+    rng = np.random.default_rng(3)
+    roots = rng.normal(size=(40, 3)).astype(np.float32)
+    guides = np.arange(0, 40, 4, dtype=np.int32)
+    closest, weights = closest_guides(roots, guides)
+    for strand in range(1, 40, 4):  # those that are no guides
+        distance = np.linalg.norm(roots[guides[closest[strand]]].astype(np.float64) - roots[strand], axis=1)
+        wanted = distance**-2.0 / (distance**-2.0).sum()
+        assert np.allclose(weights[strand], wanted, rtol=1e-5)
+    assert np.allclose(weights[guides, 0], 1.0, atol=1e-4)
+
+
 @pytest.mark.parametrize("n_guides", [1, 2])
 def test_few_guides_are_filled_up_without_weight(n_guides):
     roots = np.random.default_rng(0).normal(size=(9, 3)).astype(np.float32)
