@@ -392,6 +392,12 @@ def solve_islands(
                 if worst <= tolerance:
                     break
         residuals[i], sweeps[i] = worst, done
+        # where strands in a bundle do not agree in time, they rather come into each other than into a solid
+        on_solid = members[system.legs[members, 1] < 0]
+        if worst > tolerance and len(on_solid) < len(members):
+            for _ in range(_SWEEPS):
+                if _sweep(system, on_solid, tolerance, impulses) <= tolerance:
+                    break
 
 
 @parallel_kernel

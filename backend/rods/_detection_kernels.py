@@ -29,7 +29,7 @@ def probe_solid(
     normals: Float64,
     reached: NDArray[np.bool_],
 ) -> None:
-    """reached (n,): points (n, 3) that moves (n, 3) bring nearer to a solid than limits (n,), along the normal there.
+    """reached (n,): points (n, 3) that are nearer to a solid than limits (n,), or that moves (n, 3) bring there.
 
     gaps (n,): distances now, a lower bound of what is out of reach. normals (n, 3), world, 1 long.
     distance, origin, cell: the solid's grid in its own space; inverse (4, 4): world to there, rigid. Outside the grid
@@ -66,7 +66,9 @@ def probe_solid(
             gx, gy, gz = gx / size, gy / size, gz / size
         for j in range(3):
             normals[i, j] = inverse[0, j] * gx + inverse[1, j] * gy + inverse[2, j] * gz
-        reached[i] = gaps[i] + normals[i, 0] * mx + normals[i, 1] * my + normals[i, 2] * mz < limits[i]
+        # what leaves may be held back by other contacts
+        closing = min(normals[i, 0] * mx + normals[i, 1] * my + normals[i, 2] * mz, 0.0)
+        reached[i] = gaps[i] + closing < limits[i]
 
 
 @device
@@ -92,6 +94,16 @@ def segment_places(points: Float64, a: int, b: int) -> Any:
 
 
 @device
+def middles_apart(points: Float64, a: int, b: int) -> Any:
+    """Squared distance of the middles of segments a and b."""
+    total = 0.0
+    for j in range(3):
+        apart = 0.5 * (points[a - 1, j] + points[a, j] - points[b - 1, j] - points[b, j])
+        total += apart * apart
+    return total
+
+
+@device
 def approach(points: Float64, moves: Float64, a: int, b: int, s: float, t: float, gap: float) -> Any:
     """The gap between places s and t of segments a and b after the points' moves, along the line between them now."""
     closing = 0.0
@@ -112,6 +124,7 @@ def near_segments(
     table: Int64,
     order: Int64,
     moves: Float64,
+    longest: float,
     reach: float,
     limit: float,
     begins: Int64,
@@ -122,9 +135,10 @@ def near_segments(
     """Pairs a < b of segments of different strands nearer than `reach` that moves (n, 3) bring nearer than `limit`.
 
     segments (m,): the points that end them. cells (m, 3): of their middles in a grid; order (m,): segments sorted by
-    their cell's slot in a hash table, table (slots + 1,): where each slot begins. Called twice: with begins of no
-    length it counts a segment's pairs, counts (m,); then they go to pairs (p, 2), end points, and places (p, 2), 0 to
-    1, from begins (m,) on. What is nearest at the far end of a segment is left to the next one.
+    their cell's slot in a hash table, table (slots + 1,): where each slot begins. longest: two such segments' middles
+    are no farther apart. Called twice: with begins of no length it counts a segment's pairs, counts (m,); then they go
+    to pairs (p, 2), end points, and places (p, 2), 0 to 1, from begins (m,) on. What is nearest at the far end of a
+    segment is left to the next one.
     """
     slots = len(table) - 1
     for i in numba.prange(len(segments)):
@@ -140,6 +154,8 @@ def near_segments(
                 if j <= i or strands[a] == strands[b]:
                     continue
                 if cells[j, 0] != x or cells[j, 1] != y or cells[j, 2] != z:
+                    continue
+                if middles_apart(points, a, b) > longest * longest:
                     continue
                 s, t, square = segment_places(points, a, b)
                 if square >= reach * reach or (s > _END and not is_tip[a]) or (t > _END and not is_tip[b]):

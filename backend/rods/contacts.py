@@ -26,6 +26,7 @@ from .detection import (
     Solid,
     join_contacts,
     near_pairs,
+    nearest_of_each,
     no_contacts,
     pair_contacts,
     place_legs,
@@ -40,9 +41,12 @@ from .model import Rods
 __all__ = ["ContactParams", "ContactSet", "ContactSolver", "ContactStatistics", "Solid", "find_contacts"]
 
 # Approach of strands to each other in a step, m, beyond which they may miss each other: bounds the pairs looked at.
-_PAIR_REACH = 0.01
+_PAIR_REACH = 0.004
 # Of the spacing: between strands the straight parts between samples must follow the curls.
 _PAIR_SPACING = 0.4
+# Contacts with other strands on each side of a strand's pairs: in a thick bundle only the nearest count, since a step
+# costs the square of a strand's contacts.
+_MOST_PAIRS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,7 +218,9 @@ class ContactSolver:
         assert self._offsets is not None
         if solids:
             points, moves = self._predicted(samples, dt)
-            near = solid_contacts(samples, points, moves, solids, rods.friction, self._offsets, params.margin)
+            # other strands may press what would stay off by itself
+            margin = params.margin if self._pair_samples is None else params.margin + _PAIR_REACH
+            near = solid_contacts(samples, points, moves, solids, rods.friction, self._offsets, margin)
             deepest = float((np.minimum(near.offsets, 0.0) - near.gaps).max(initial=0.0))
             found.append(near)
         if self._pair_samples is not None:
@@ -226,7 +232,9 @@ class ContactSolver:
                 return self._stepper.points(elements, arcs)[0]
 
             contacts = pair_contacts(self._pair_samples, points, pairs, places, place, rods.friction, rods.radius)
-            found.append(replace(contacts, offsets=self._lowered(contacts)))
+            contacts = replace(contacts, offsets=self._lowered(contacts))
+            gaps = contacts.gaps - contacts.offsets
+            found.append(contacts.select(nearest_of_each(self._pair_samples, pairs, gaps, _MOST_PAIRS)))
         return (join_contacts(found) if found else no_contacts()), deepest
 
     def _predicted(self, samples: Samples, dt: float) -> tuple[Float64, Float64]:

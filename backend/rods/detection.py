@@ -213,12 +213,23 @@ def near_pairs(samples: Samples, points: Float64, moves: Float64, reach: float, 
     table = np.zeros(slots + 1, np.int64)
     np.cumsum(np.bincount(keys, minlength=slots), out=table[1:])
     counts, none = np.empty(len(segments), np.int64), np.empty(0, np.int64)
-    grid = points, samples.strands, samples.is_tip, segments, cells, table, order, moves, reach, limit
+    grid = points, samples.strands, samples.is_tip, segments, cells, table, order, moves, longest + reach, reach, limit
     near_segments(*grid, none, counts, np.empty((0, 2), np.int64), np.empty((0, 2)))
     begins = np.cumsum(counts) - counts
     pairs, places = np.empty((counts.sum(), 2), np.int64), np.empty((counts.sum(), 2))
     near_segments(*grid, begins, counts, pairs, places)
     return pairs, places
+
+
+def nearest_of_each(samples: Samples, pairs: Int64, gaps: Float64, most: int) -> NDArray[np.bool_]:
+    """(p,) bool: pairs among the `most` with the least gaps (p,) of both their strands."""
+    chosen = np.ones(len(pairs), np.bool_)
+    for side in range(2):
+        strands = samples.strands[pairs[:, side]]
+        order = np.lexsort((gaps, strands))
+        begins = np.searchsorted(strands[order], strands[order])
+        chosen[order] &= np.arange(len(order)) - begins < most
+    return chosen
 
 
 def pair_legs(samples: Samples, pairs: Int64, places: Float64) -> tuple[Int32, Float64]:
