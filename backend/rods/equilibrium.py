@@ -131,7 +131,8 @@ def find_rest_shape(
     check_array("gravity", gravity, np.float64, (3,))
     same = np.array_equal(rods.offsets, helices.offsets) and np.array_equal(rods.lengths, helices.lengths)
     require(same, "rods and helices have different elements; make the rods from these helices")
-    problem = _Problem(rods, helices, gravity, contacts, params)
+    carries = _may_carry(helices, contacts)
+    problem = _Problem(rods, helices, gravity, None if contacts is None else contacts.select(carries), params)
     n_rods, owner = len(rods.friction), problem.owner
     scale, before, smallest = np.ones(n_rods), np.ones(n_rods), np.ones(n_rods)
     forces, sweeps = np.zeros((len(problem.supports.friction), 3)), 0
@@ -151,9 +152,11 @@ def find_rest_shape(
     bending = load / stiffness
     rest = helices.curvatures - bending
     left = stiffness * (helices.curvatures - rest) - load
+    contact_forces = np.zeros((len(carries), 3))
+    contact_forces[carries] = world_forces(problem.supports, forces)
     return Equilibrium(
         rods=replace(rods, rest=rest, stiffness=scale[owner, None] * rods.stiffness),
-        forces=world_forces(problem.supports, forces),
+        forces=contact_forces,
         residual=_norms(left, rods.offsets) / np.maximum(_norms(problem.weight, rods.offsets), 1e-300),
         stability_before=before,
         stability=smallest,
@@ -229,6 +232,20 @@ def _supports(helices: Helices, pose: Pose, contacts: ContactSet | None) -> Supp
         none = np.zeros((0, 2))
         return find_supports(helices, pose, none.astype(np.int32), none, np.zeros((0, 3, 3)), np.zeros(0))
     return find_supports(helices, pose, contacts.elements, contacts.arcs, contacts.axes, contacts.friction)
+
+
+def _may_carry(helices: Helices, contacts: ContactSet | None) -> Bools:
+    """(c,) contacts with solids, and of two guides the nearest: only its gap is what the time steps keep free."""
+    if contacts is None:
+        return np.zeros(0, np.bool_)
+    guides = np.sort(np.searchsorted(helices.offsets, contacts.elements, side="right") - 1, axis=1).astype(np.int64)
+    pairs = guides[:, 0] * helices.n_strands + guides[:, 1]
+    on_solid = contacts.elements[:, 1] < 0
+    pairs[on_solid] = -1 - np.arange(on_solid.sum())
+    order = np.lexsort((contacts.gaps, pairs))
+    carries = np.zeros(len(order), np.bool_)
+    carries[order] = np.diff(pairs[order], prepend=np.iinfo(np.int64).min) != 0
+    return carries
 
 
 def _norms(values: Float64, offsets: Int32) -> Float64:

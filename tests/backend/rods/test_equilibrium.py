@@ -363,6 +363,21 @@ def test_nothing_moves_on_another_strand() -> None:
     assert motion_in_contact(found.rods, helices, [], params, 3.0, found.forces).max() < 1e-6
 
 
+def test_of_two_guides_only_the_nearest_contact_carries() -> None:
+    """The time steps keep the least gap of two strands free; what is farther apart cannot push."""
+    helices = wavy(2)
+    contacts = some_contacts(helices, 2, 6)
+    elements = contacts.elements.copy()
+    elements[2:] = np.sort(np.stack([np.arange(6) + 1, np.arange(6) + 9], axis=1), axis=1)
+    contacts = replace(contacts, elements=elements, gaps=np.array([0.0, 0.0, 5.0, 4.0, 3.0, 2.0, 3.0, 6.0]) * 1e-4)
+    for axes in (contacts.axes, -contacts.axes):
+        forces = carried(helices, replace(contacts, axes=axes))[0].forces
+        assert (forces[[2, 3, 4, 6, 7]] == 0.0).all()
+        if forces[5].any():
+            break
+    assert forces[5].any()
+
+
 def test_rotation_and_order_do_not_matter() -> None:
     helices = wavy(5)
     found = find_rest_shape(hair(helices), helices, GRAVITY)
