@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hairloom.rods._spline_kernels import cut, fit_spline, measure_arcs, merge_points
+from hairloom.rods._spline_kernels import _SMOOTHING, _STEADINESS, cut, fit_spline, measure_arcs, merge_points
 
 
 def hermite(knots, nodes, t):
@@ -42,7 +42,7 @@ def wave(count=64):
 
 
 def fit_naive(fitted):
-    """The same minimum by a dense solve over the basis functions, with the bending energy by quadrature."""
+    """The same minimum by a dense solve over the basis functions, with its penalties by differences and quadrature."""
     size, h = 2 * fitted.n_segments + 2, 1e-4
     basis = []
     for i in range(size):
@@ -57,7 +57,9 @@ def fit_naive(fitted):
         bent = np.stack([(b(t + h * step) - 2 * b(t) + b(t - h * step)) / (h * step) ** 2 for b in basis], 1)
         line = np.linalg.lstsq(np.stack([np.ones(3), 0.45 * places], 1), bent, rcond=None)[0]
         ends = line[0] + 0.5 * places[:, None] * line[1]
-        rows.append(np.sqrt(1e-5 * step**4 * weights / 2)[:, None] * ends)
+        jerk = np.stack([np.diff(b(start + step * np.linspace(0.05, 0.95, 4)), n=3)[0] for b in basis])
+        rows.append(np.sqrt(_STEADINESS) * (jerk / 0.3**3)[None])
+        rows.append(np.sqrt(_SMOOTHING * step**4 * weights / 2)[:, None] * ends)
     matrix = np.concatenate(rows)
     wanted = np.concatenate([fitted.merged, np.zeros((len(matrix) - fitted.n_points, 3))])
     wanted -= matrix[:, :1] * fitted.merged[0]
