@@ -185,8 +185,8 @@ def test_a_sampled_helix_comes_back_nearly():
         np.zeros((1, 3)), np.eye(3)[None], np.array([0, 1], np.int32), np.array([0.2]), np.array([[30.0, 40.0, 50.0]])
     )
     strands = to_strands(helices, np.array([200], np.int32))
-    fit = fit_helices(strands, FitParams(n_elements=8, samples_per_segment=5))
-    assert fit.maximum[0] < 2e-5
+    fit = fit_helices(strands, FitParams(n_elements=8))
+    assert fit.maximum[0] < 1e-5
     inner = fit.helices.curvatures[1:-1]
     assert np.abs(inner[:, 0] / 30.0 - 1).max() < 5e-3
     assert np.abs(np.linalg.norm(inner[:, 1:], axis=1) / np.hypot(40, 50) - 1).max() < 5e-3
