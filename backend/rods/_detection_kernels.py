@@ -111,7 +111,8 @@ def approach(points: Float64, moves: Float64, a: int, b: int, s: float, t: float
         apart = (1.0 - s) * points[a - 1, j] + s * points[a, j] - (1.0 - t) * points[b - 1, j] - t * points[b, j]
         move = (1.0 - s) * moves[a - 1, j] + s * moves[a, j] - (1.0 - t) * moves[b - 1, j] - t * moves[b, j]
         closing += apart * move
-    return gap + closing / max(gap, 1e-9)
+    # what leaves may be held back by other contacts
+    return gap + min(closing, 0.0) / max(gap, 1e-9)
 
 
 @parallel_kernel

@@ -117,7 +117,8 @@ def _pairs_at_rest(rods: Rods, samples: Samples, helices: Helices) -> ContactSet
     def place(elements: Int32, arcs: Float64) -> Float64:
         return place_legs(helices, elements, arcs)
 
-    points, reach = place(samples.elements, samples.arcs), 2.0 * float(rods.radius.max())
+    # farther than they touch: the search is between straight parts, the gaps are between the helices
+    points, reach = place(samples.elements, samples.arcs), 2.0 * float(rods.radius.max()) + _PAIR_REACH
     pairs, places = near_pairs(samples, points, np.zeros_like(points), reach, reach)
     contacts = pair_contacts(samples, points, pairs, places, place, rods.friction, rods.radius)
     return contacts.select(contacts.gaps < contacts.offsets)
@@ -234,7 +235,9 @@ class ContactSolver:
             contacts = pair_contacts(self._pair_samples, points, pairs, places, place, rods.friction, rods.radius)
             contacts = replace(contacts, offsets=self._lowered(contacts))
             gaps = contacts.gaps - contacts.offsets
-            found.append(contacts.select(nearest_of_each(self._pair_samples, pairs, gaps, _MOST_PAIRS)))
+            # what pressed goes on, however many: else a pose at rest would lose what carries it
+            chosen = nearest_of_each(self._pair_samples, pairs, gaps, _MOST_PAIRS)
+            found.append(contacts.select(chosen | (self._start(contacts.keys)[:, 0] > 0.0)))
         return (join_contacts(found) if found else no_contacts()), deepest
 
     def _predicted(self, samples: Samples, dt: float) -> tuple[Float64, Float64]:
