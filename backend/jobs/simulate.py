@@ -16,7 +16,6 @@ from ..rods.fitting import FitParams, HelixFit, fit_helices
 from ..rods.interpolation import FollowerParams, Followers, bind_followers, interpolate, keep_out, rest_depths
 from ..rods.material import MaterialParams
 from ..rods.model import make_rods
-from ..rods.motion import matrix_at
 from ..rods.scene import Scene
 from ..rods.simulation import Simulation, SimulationParams
 from ..rods.training import train_followers
@@ -113,7 +112,7 @@ class Setting:
         """(P, 3) float32: all hair now, in the space of the cache; overwritten by the next call."""
         frame = self.simulation.frame
         # followed in a space that moves with the head: exact for hair that rests, and at any distance from the origin
-        carried = matrix_at(self.scene.motion, frame) @ np.linalg.inv(matrix_at(self.scene.motion, 0.0))
+        carried = self.scene.motion[frame] @ np.linalg.inv(self.scene.motion[0])
         back = np.linalg.inv(carried)
         if frame == 0:
             self.points[:] = self.followers.points

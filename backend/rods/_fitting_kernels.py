@@ -313,7 +313,8 @@ def _fit_adaptively(
         return n, rms, largest
     best, best_rms, tried = n, rms, n
     while rms > tolerance and tried < n_max:
-        # of hair the distance falls with the power 5/3 of the number; where it is far off, break points miss whole turns
+        # of hair the distance falls with the power 5/3 of the number; where it is far off, break points miss whole
+        # turns
         wanted = int(tried * min((rms / tolerance) ** 0.6, 10.0)) + 1
         tried = min(n_max, max(wanted, tried + 1))
         rms, largest = _fit_pieces(strand, spline, tried, pieces, base, lengths, curvatures)

@@ -15,7 +15,7 @@ from .dynamics import Stepper
 from .equilibrium import Equilibrium, EquilibriumParams, find_rest_shape
 from .helices import Helices, evaluate
 from .model import Rods, RodState, initial_state
-from .motion import move_roots, root_transforms
+from .motion import RootMotion
 from .scene import Scene
 from .solids import Solids
 from .statics import pose_rods
@@ -57,6 +57,7 @@ class Simulation:
         self.equilibrium: Equilibrium | None = None
         self.rods = rods
         self._substeps = params.substeps
+        self._root_motion = RootMotion(scene)
         self._solids = Solids(scene, guides.roots, float(guides.strand_lengths.max()))
         at_rest = self.solids(0.0, 0.0)
         contacts = find_contacts(rods, params.contact, guides, at_rest)
@@ -78,8 +79,7 @@ class Simulation:
         statistics = ContactStatistics()
         for step in range(self._substeps):
             before, now = self.frame + step / self._substeps, self.frame + (step + 1) / self._substeps
-            transforms = root_transforms(self.scene, now, self.guides.n_strands)
-            roots, frames = move_roots(transforms, self.guides.roots, self.guides.frames)
+            roots, frames = self._root_motion.move(now, self.guides.roots, self.guides.frames)
             wind = wind_at(self.scene, now, self._starts)
             self._stepper.begin(self.state, roots, frames, dt, self.scene.gravity, wind)
             if self.scene.fields:

@@ -9,7 +9,7 @@ import numpy as np
 from ..geometry.collider import Collider, build_collider
 from ..types import Float32, Float64, Head
 from .contacts import Solid
-from .motion import matrix_at
+from .motion import Track
 from .scene import CollisionMesh, Scene
 
 # Cells along the roots' extent. A mesh that bends gets a new grid every frame, so a coarser one.
@@ -27,7 +27,8 @@ class Solids:
         self._extent = max(float(np.ptp(roots, axis=0).max()), 0.2 * reach)
         # where hair may come, relative to what the roots sit on
         self._low, self._high = roots.min(axis=0) - reach, roots.max(axis=0) + reach
-        self._home = np.linalg.inv(matrix_at(scene.motion, 0.0))
+        self._home = np.linalg.inv(scene.motion[0])
+        self._tracks = [Track(mesh.matrices) for mesh in scene.colliders]
         self._rigid = {
             number: self._collider(mesh, mesh.vertices, 0)
             for number, mesh in enumerate(scene.colliders)
@@ -40,8 +41,8 @@ class Solids:
         return [
             Solid(
                 self._rigid[number] if number in self._rigid else self._bent_collider(number, frame),
-                matrix_at(mesh.matrices, frame),
-                matrix_at(mesh.matrices, previous),
+                self._tracks[number].at(frame),
+                self._tracks[number].at(previous),
                 mesh.friction,
             )
             for number, mesh in enumerate(self._scene.colliders)
@@ -69,7 +70,7 @@ class Solids:
         # may meet the hair anywhere, so its grid covers all of it
         if self._moves_with_roots(mesh):
             corners = np.array(np.meshgrid(*zip(self._low, self._high))).reshape(3, -1).T
-            into = np.linalg.inv(matrix_at(mesh.matrices, frame)) @ matrix_at(self._scene.motion, frame) @ self._home
+            into = np.linalg.inv(mesh.matrices[frame]) @ self._scene.motion[frame] @ self._home
             around = corners @ into[:3, :3].T + into[:3, 3]
         else:
             around = None

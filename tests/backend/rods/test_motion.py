@@ -1,7 +1,7 @@
 """Rigid motion between frames."""
 
 import numpy as np
-from hairloom.rods.motion import matrix_at, move_roots, root_transforms
+from hairloom.rods.motion import RootMotion, Track
 from hairloom.rods.scene import Scene
 from scipy.spatial.transform import Rotation
 
@@ -16,7 +16,7 @@ def turning(n_frames: int = 5, degrees: float = 40.0) -> np.ndarray:
 
 
 def test_between_frames_the_turn_is_even_and_the_way_straight():
-    between = matrix_at(turning(), 1.25)
+    between = Track(turning()).at(1.25)
     expected = Rotation.from_rotvec(np.radians(50.0) * np.array([0, 0, 1])).as_matrix()
     np.testing.assert_allclose(between[:3, :3], expected, atol=1e-12)
     np.testing.assert_allclose(between[:3, 3], [1.25, 0, 0], atol=1e-12)
@@ -25,9 +25,9 @@ def test_between_frames_the_turn_is_even_and_the_way_straight():
 def test_frames_themselves_and_the_ends():
     matrices = turning()
     for frame in range(5):
-        np.testing.assert_allclose(matrix_at(matrices, frame), matrices[frame], atol=1e-12)
-    np.testing.assert_allclose(matrix_at(matrices, 9.0), matrices[-1], atol=1e-12)
-    np.testing.assert_allclose(matrix_at(matrices[:1], 3.0), matrices[0], atol=1e-12)
+        np.testing.assert_allclose(Track(matrices).at(frame), matrices[frame], atol=1e-12)
+    np.testing.assert_allclose(Track(matrices).at(9.0), matrices[-1], atol=1e-12)
+    np.testing.assert_allclose(Track(matrices[:1]).at(3.0), matrices[0], atol=1e-12)
 
 
 def test_roots_are_carried_from_where_they_were_at_the_first_frame():
@@ -36,9 +36,9 @@ def test_roots_are_carried_from_where_they_were_at_the_first_frame():
     start[:3, :3], start[:3, 3] = Rotation.from_euler("xyz", [0.3, -0.2, 0.5]).as_matrix(), [0.1, 0.2, 1.5]
     scene = Scene(24.0, turning() @ start)
     roots, frames = np.random.default_rng(0).normal(size=(6, 3)), Rotation.random(6, random_state=0).as_matrix()
-    same, _ = move_roots(root_transforms(scene, 0.0, 6), roots, frames)
+    same, _ = RootMotion(scene).move(0.0, roots, frames)
     np.testing.assert_allclose(same, roots, atol=1e-12)
-    moved, turned = move_roots(root_transforms(scene, 2.0, 6), roots, frames)
+    moved, turned = RootMotion(scene).move(2.0, roots, frames)
     expected = turning()[2]
     np.testing.assert_allclose(moved, roots @ expected[:3, :3].T + expected[:3, 3], atol=1e-12)
     np.testing.assert_allclose(turned, expected[:3, :3] @ frames, atol=1e-12)
@@ -47,6 +47,6 @@ def test_roots_are_carried_from_where_they_were_at_the_first_frame():
 def test_each_root_has_its_own_motion_where_the_surface_bends():
     own = np.stack([turning(degrees=10.0), turning(degrees=-30.0)], axis=1)[:, :, :3]
     scene = Scene(24.0, np.tile(np.eye(4), (5, 1, 1)), root_motion=own)
-    between = root_transforms(scene, 1.5, 2)
-    np.testing.assert_allclose(between[0], matrix_at(turning(degrees=10.0), 1.5)[:3], atol=1e-12)
-    np.testing.assert_allclose(between[1], matrix_at(turning(degrees=-30.0), 1.5)[:3], atol=1e-12)
+    between = RootMotion(scene).at(1.5)
+    np.testing.assert_allclose(between[0], Track(turning(degrees=10.0)).at(1.5)[:3], atol=1e-12)
+    np.testing.assert_allclose(between[1], Track(turning(degrees=-30.0)).at(1.5)[:3], atol=1e-12)
