@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import require
+from .errors import InputError, require
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -25,13 +25,16 @@ AttributeArrays = Mapping[str, NDArray[Any]]
 
 
 def check_array(name: str, array: object, dtype: type, shape: tuple[int | None, ...]) -> None:
-    require(isinstance(array, np.ndarray), f"{name} must be a numpy array, not {type(array).__name__}")
-    assert isinstance(array, np.ndarray)
-    require(array.dtype == dtype, f"{name} must be {np.dtype(dtype)}, not {array.dtype}")
+    """Refuse what is no array of this type and shape (None: any), or not finite; cheap, since time steps call it."""
+    if not isinstance(array, np.ndarray):
+        raise InputError(f"{name} must be a numpy array, not {type(array).__name__}")
+    if array.dtype != dtype:
+        raise InputError(f"{name} must be {np.dtype(dtype)}, not {array.dtype}")
     fits = array.ndim == len(shape) and all(want is None or have == want for have, want in zip(array.shape, shape))
-    require(fits, f"{name} must have shape {shape} (None: any), not {array.shape}")
-    if array.dtype.kind == "f":
-        require(np.isfinite(array).all(), f"{name} has NaN or infinite values; clean the data up first")
+    if not fits:
+        raise InputError(f"{name} must have shape {shape} (None: any), not {array.shape}")
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        raise InputError(f"{name} has NaN or infinite values; clean the data up first")
 
 
 @dataclass(frozen=True, slots=True)
