@@ -1,7 +1,8 @@
 """A frame of 1,000 guides x 20 elements beside Blender's own: legacy hair dynamics, and the Hair Dynamics node of 5.2.
 
 The legacy one needs bpy 4.5 in this Python; the node runs in the Blender that HAIRLOOM_BLENDER names (default:
-../shared/tools/blender-gui). Ours is a frame of 1/24 s: two steps with gravity and contact with the head.
+../shared/tools/blender-gui). All three let the same straight hair fall from the upper half of a ball, a frame of 1/24 s
+at a time; ours in two steps, with contact with the ball and friction, which the legacy one has not.
 """
 
 from __future__ import annotations
@@ -93,16 +94,14 @@ def ours() -> float:
     directions = np.random.default_rng(0).normal(size=(N_GUIDES, 3))
     directions[:, 2] = abs(directions[:, 2])
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    # fallen to the side, as groomed hair is: along the head first, then down
-    along = np.linspace(0, 0.25, 41)[None, :, None]
-    points = directions[:, None] * (radius + 0.04 * (1 - np.exp(-along / 0.05)))
-    points = points - np.array([0, 0, 1.0]) * np.maximum(along - 0.03, 0)
-    offsets = np.arange(N_GUIDES + 1, dtype=np.int32) * 41
+    points = directions[:, None] * (radius + 0.25 * np.linspace(0, 1, N_ELEMENTS + 1))[None, :, None]
+    offsets = np.arange(N_GUIDES + 1, dtype=np.int32) * (N_ELEMENTS + 1)
     strands = StrandSet(points.reshape(-1, 3).astype(np.float32), offsets)
     helices = fit_helices(strands, FitParams(n_elements=N_ELEMENTS)).helices
     still = np.tile(np.eye(4), (N_FRAMES + 2, 1, 1))
     scene = Scene(24.0, still, colliders=(CollisionMesh(head.triangles, head.vertices, still),))
-    simulation = Simulation(make_rods(helices, MaterialParams()), helices, scene, SimulationParams())
+    falling = SimulationParams(start_in_equilibrium=False)
+    simulation = Simulation(make_rods(helices, MaterialParams()), helices, scene, falling)
     simulation.advance()
     times = []
     for _ in range(N_FRAMES):

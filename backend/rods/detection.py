@@ -19,6 +19,14 @@ from .statics import element_motion, pose_rods
 _MOST_SAMPLES = 16  # an element
 
 
+def rigid_inverse(matrix: Float64) -> Float64:
+    """(4, 4) of a rigid (4, 4); without LAPACK, whose threads cost a millisecond where kernels have theirs."""
+    turn = matrix[:3, :3].T
+    inverse = np.eye(4)
+    inverse[:3, :3], inverse[:3, 3] = turn, -turn @ matrix[:3, 3]
+    return inverse
+
+
 @dataclass(frozen=True, slots=True)
 class Solid:
     """A solid that moves rigidly during a time step; one that bends is given anew every frame.
@@ -43,7 +51,7 @@ class Solid:
 
     def velocities(self, points: Float64, dt: float) -> Float64:
         """(n, 3) m/s, world, of the solid's material at points (n, 3), as it came here during the step."""
-        back = self.previous @ np.linalg.inv(self.matrix)
+        back = self.previous @ rigid_inverse(self.matrix)
         result: Float64 = (points - (points @ back[:3, :3].T + back[:3, 3])) / dt
         return result
 
@@ -63,21 +71,25 @@ class Samples:
 
 
 def sample_rods(rods: Rods, spacing: float) -> Samples:
-    """Places at most `spacing` metres apart (but 16 an element at most): roots, and equal parts of every element."""
-    counts = np.clip(np.ceil(rods.lengths / spacing - 1e-9), 1, _MOST_SAMPLES).astype(np.int64)
-    roots = rods.offsets[:-1]
-    # a root is one more sample of its strand's first element, at arc 0
-    counts_with_root = counts.copy()
-    counts_with_root[roots] += 1
-    elements = np.repeat(np.arange(len(counts)), counts_with_root)
-    begins = np.cumsum(counts_with_root) - counts_with_root
-    place = np.arange(len(elements)) - begins[elements] + 1
-    is_root = np.zeros(len(elements), np.bool_)
-    is_root[begins[roots]] = True
-    place[np.isin(elements, roots)] -= 1
-    strands = np.repeat(np.arange(len(roots)), np.add.reduceat(counts_with_root, roots))
-    arcs = rods.lengths[elements] * place / counts[elements]
-    is_tip = np.append(is_root[1:], True)
+    """Places at equal steps along every strand, root and tip included, at most `spacing` metres apart.
+
+    However long the elements are, so that finer elements cost no more contacts; but at most 16 places an element.
+    """
+    roots, n_elements = rods.offsets[:-1], np.diff(rods.offsets)
+    lengths = np.add.reduceat(rods.lengths, roots)
+    parts = np.clip(np.ceil(lengths / spacing - 1e-9), 1, _MOST_SAMPLES * n_elements).astype(np.int64)
+    strands = np.repeat(np.arange(len(roots)), parts + 1)
+    begins = np.cumsum(parts + 1) - (parts + 1)
+    place = np.arange(len(strands)) - begins[strands]
+    # arc lengths of all strands one after the other, so that one search finds the elements
+    ends = np.cumsum(rods.lengths)
+    starts = ends - rods.lengths
+    along = starts[roots][strands] + lengths[strands] * place / parts[strands]
+    elements = np.searchsorted(ends, along * (1.0 - 1e-12), side="left")
+    elements = np.clip(elements, roots[strands], rods.offsets[1:][strands] - 1)
+    arcs = np.clip(along - starts[elements], 0.0, rods.lengths[elements])
+    is_root, is_tip = place == 0, place == parts[strands]
+    arcs[is_root], arcs[is_tip] = 0.0, rods.lengths[elements[is_tip]]
     return Samples(elements.astype(np.int32), arcs, strands.astype(np.int32), is_root, is_tip)
 
 
@@ -174,7 +186,7 @@ def solid_contacts(
     for number, solid in enumerate(solids):
         gaps, normals, is_near = np.empty(len(points)), np.empty((len(points), 3)), np.empty(len(points), np.bool_)
         limits = offsets[number] + margin
-        grid, inverse = solid.collider, np.linalg.inv(solid.matrix)
+        grid, inverse = solid.collider, rigid_inverse(solid.matrix)
         probe_solid(
             grid.distance, grid.origin, grid.cell, inverse, points, moves, limits, gaps, normals, is_near
         )  # fmt: skip

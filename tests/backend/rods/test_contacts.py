@@ -80,13 +80,15 @@ def test_samples_are_at_most_their_spacing_apart():
     helices = random_helices()
     rods = make_rods(helices, MaterialParams())
     samples = sample_rods(rods, 0.012)
-    # 0.05 m an element: 5 parts of 1 cm each, and the root
-    assert len(samples.arcs) == 6 * (4 * 5 + 1)
+    # 4 elements of 0.05 m: 17 equal parts, and the root
+    assert len(samples.arcs) == 6 * 18
     assert samples.is_root.sum() == samples.is_tip.sum() == 6
-    assert samples.is_root[::21].all() and samples.is_tip[20::21].all()
-    assert (samples.strands == np.repeat(np.arange(6), 21)).all()
+    assert samples.is_root[::18].all() and samples.is_tip[17::18].all()
+    assert (samples.strands == np.repeat(np.arange(6), 18)).all()
+    assert (samples.elements // 4 == samples.strands).all()
+    assert (samples.arcs >= 0).all() and (samples.arcs <= rods.lengths[samples.elements]).all()
     along = samples.elements * 0.05 + samples.arcs
-    assert np.allclose(along.reshape(6, 21), np.arange(6)[:, None] * 0.2 + np.arange(21) * 0.01)
+    assert np.allclose(along.reshape(6, 18), np.arange(6)[:, None] * 0.2 + np.arange(18) * 0.2 / 17)
 
 
 @pytest.mark.parametrize("radius", [0.001, 0.03])
@@ -351,7 +353,7 @@ def test_hair_rides_a_turning_head():
     for step in range(1, 49):
         head = moved(rotation=(0.0, 0.0, 0.02 * (step * STEP) ** 2))
         statistics = scene.step([head], head)
-    assert statistics.n_pressing > 40
+    assert statistics.n_pressing > 25
     # 2 mm at the equator; a tip alone is so soft that 0.04 rad/s^2 at 0.1 m, 4e-4 of gravity, bend it by 0.25 mm
     carried = scene.points() @ scene.matrices[0][:3, :3]
     assert np.linalg.norm(carried - start, axis=2).max() < 1.5e-4
