@@ -252,7 +252,9 @@ def slope_drift(degrees, friction=0.3, seconds=0.1):
     helices = straight([0.001 * up], [along], 0.2, 5)
     # next to no stiffness, so that nothing but friction holds it; no air
     material = MaterialParams(stiffness_scale=1e-6, drag=0.0, friction=friction)
-    scene = Scene(helices, make_rods(helices, material), [floor_grid()], friction=friction)
+    # two places an element: one that is limp bends between fewer
+    params = ContactParams(spacing=0.02)
+    scene = Scene(helices, make_rods(helices, material), [floor_grid()], params, friction=friction)
     scene.rest([tilt])
     start = scene.points()
     for _ in range(round(seconds * 240)):
