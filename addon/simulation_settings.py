@@ -178,6 +178,11 @@ class EquilibriumSettings(ParamsGroup, bpy.types.PropertyGroup):
         name="Share of Friction", default=0.9, min=0.0, max=1.0, precision=2, subtype="FACTOR",
         description="How much of the friction hair may use to lie still at the start, so that it does not slip at once",
     )  # fmt: skip
+    hair_carries: BoolProperty(
+        name="Hair Carries Hair", default=False,
+        description="Strands that touch hold each other up at the start; without, only the head and other colliders "
+        "do, and thick hair lies stiller",
+    )  # fmt: skip
     tolerance: FloatProperty(
         name="Tolerance", default=1e-8, min=0.0, soft_max=1e-3, max=0.5, precision=9,
         description="Accuracy of the resting contact forces, relative; they decide how little the rest shape bends",
@@ -277,7 +282,7 @@ class StepSettings(ParamsGroup, bpy.types.PropertyGroup):
     """Settings of the simulation of the guides"""
 
     substeps: IntProperty(
-        name="Substeps", default=2, min=1, soft_max=20, max=1000,
+        name="Substeps", default=4, min=1, soft_max=20, max=1000,
         description="Time steps a frame; fast motion and many contacts need more",
     )  # fmt: skip
     start_in_equilibrium: BoolProperty(

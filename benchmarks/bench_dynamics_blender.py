@@ -100,7 +100,7 @@ def ours() -> float:
     helices = fit_helices(strands, FitParams(n_elements=N_ELEMENTS)).helices
     still = np.tile(np.eye(4), (N_FRAMES + 2, 1, 1))
     scene = Scene(24.0, still, colliders=(CollisionMesh(head.triangles, head.vertices, still),))
-    falling = SimulationParams(start_in_equilibrium=False)
+    falling = SimulationParams(substeps=2, start_in_equilibrium=False)
     simulation = Simulation(make_rods(helices, MaterialParams()), helices, scene, falling)
     simulation.advance()
     times = []

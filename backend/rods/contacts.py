@@ -138,10 +138,13 @@ class ContactSolver:
 
     rest_contacts = staticmethod(find_contacts)
 
-    def set_rest(self, roots: Float64, frames: Float64, curvatures: Float64, solids: Sequence[Solid]) -> None:
+    def set_rest(
+        self, roots: Float64, frames: Float64, curvatures: Float64, solids: Sequence[Solid], *, slack: float = 0.0
+    ) -> None:
         """Take the gaps of a pose as offsets, where they are less than the radius, so that it is admissible.
 
-        roots (S, 3), frames (S, 3, 3), curvatures (E, 3) as in RodState. Between two strands the least gap counts.
+        roots (S, 3), frames (S, 3, 3), curvatures (E, 3) as in RodState. Between two strands the least gap counts, less
+        `slack`, metres: strands that do not carry each other at rest then do not touch at the slightest motion.
         """
         rods, samples = self._rods, self._samples
         helices = Helices(roots, frames, rods.offsets, rods.lengths, curvatures)
@@ -152,7 +155,7 @@ class ContactSolver:
         keys = self._strand_pairs(contacts.select(~on_solid))
         self._pair_keys, group = np.unique(keys, return_inverse=True)
         self._pair_offsets = np.full(len(self._pair_keys), np.inf)
-        np.minimum.at(self._pair_offsets, group, contacts.gaps[~on_solid])
+        np.minimum.at(self._pair_offsets, group, contacts.gaps[~on_solid] - slack)
 
     def set_static(self, contacts: ContactSet, forces: Float64) -> None:
         """Forces (c, 3), N, world, on the first legs of contacts at rest: what the first step starts from."""

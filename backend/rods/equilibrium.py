@@ -47,6 +47,8 @@ class EquilibriumParams:
     force_cost : how much a contact force of the guide's weight costs, in parts of the energy of bending that gravity
     asks for without contacts; 0 is the least bending whatever the forces.
     friction_share : of the friction coefficient that resting contacts may use, so that they do not slip at once.
+    hair_carries : strands that touch each other hold each other up. Without, only solids carry at rest, and strands
+    press on each other when they come nearer than the groom has them: bundles lie stiller for that.
     tolerance, iterations : of the contact forces; they only decide how little the natural shape bends.
     """
 
@@ -55,6 +57,7 @@ class EquilibriumParams:
     largest_scale: float = 1000.0
     force_cost: float = 0.1
     friction_share: float = 0.9
+    hair_carries: bool = False
     tolerance: float = 1e-8
     iterations: int = 200
 
@@ -131,7 +134,7 @@ def find_rest_shape(
     check_array("gravity", gravity, np.float64, (3,))
     same = np.array_equal(rods.offsets, helices.offsets) and np.array_equal(rods.lengths, helices.lengths)
     require(same, "rods and helices have different elements; make the rods from these helices")
-    carries = _may_carry(helices, contacts)
+    carries = _may_carry(helices, contacts, params.hair_carries)
     problem = _Problem(rods, helices, gravity, None if contacts is None else contacts.select(carries), params)
     n_rods, owner = len(rods.friction), problem.owner
     scale, before, smallest = np.ones(n_rods), np.ones(n_rods), np.ones(n_rods)
@@ -234,13 +237,15 @@ def _supports(helices: Helices, pose: Pose, contacts: ContactSet | None) -> Supp
     return find_supports(helices, pose, contacts.elements, contacts.arcs, contacts.axes, contacts.friction)
 
 
-def _may_carry(helices: Helices, contacts: ContactSet | None) -> Bools:
+def _may_carry(helices: Helices, contacts: ContactSet | None, hair_carries: bool) -> Bools:
     """(c,) contacts with solids, and of two guides the nearest: only its gap is what the time steps keep free."""
     if contacts is None:
         return np.zeros(0, np.bool_)
     guides = np.sort(np.searchsorted(helices.offsets, contacts.elements, side="right") - 1, axis=1).astype(np.int64)
     pairs = guides[:, 0] * helices.n_strands + guides[:, 1]
     on_solid = contacts.elements[:, 1] < 0
+    if not hair_carries:
+        return on_solid
     pairs[on_solid] = -1 - np.arange(on_solid.sum())
     order = np.lexsort((contacts.gaps, pairs))
     carries = np.zeros(len(order), np.bool_)

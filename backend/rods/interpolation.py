@@ -18,6 +18,7 @@ from ._keep_out_kernels import deepen, push_out
 from .helices import Helices, evaluate
 
 _NEAREST = 1e-6  # m: distances are not told apart below that
+_KEPT_OFF = 4e-4  # m
 _STRANDS_AT_ONCE = 20_000  # whose distances are held at a time
 
 
@@ -229,8 +230,11 @@ class PlacedCollider(Protocol):
 
 
 def rest_depths(followers: Followers, solids: Sequence[PlacedCollider]) -> Float32:
-    """(P,) float32, metres: how deep in the solids each point is at rest, 0 outside; `keep_out` allows for it."""
-    depths = np.zeros(len(followers.points), np.float32)
+    """(P,) float32, metres: how deep in the solids each point is at rest; `keep_out` allows for it.
+
+    Negative outside, but not below -0.4 mm: that far off points are kept that were, since grids err at thin ears.
+    """
+    depths = np.full(len(followers.points), -_KEPT_OFF, np.float32)
     for solid in solids:
         collider = solid.collider
         inverse = np.linalg.inv(solid.matrix)

@@ -178,7 +178,7 @@ def test_wisps_are_stabler_than_hairs() -> None:
 
 def carried(helices: Helices, contacts: ContactSet, **changes: float) -> tuple[Equilibrium, Float64]:
     """The equilibrium, and the contact forces in the contacts' axes."""
-    params = EquilibriumParams(**changes)  # type: ignore[arg-type]
+    params = EquilibriumParams(hair_carries=True, **changes)  # type: ignore[arg-type]
     found = find_rest_shape(soft_rods(helices), helices, GRAVITY, contacts, params)
     return found, np.einsum("cij,cj->ci", contacts.axes, found.forces)
 
@@ -355,7 +355,9 @@ def test_nothing_moves_on_another_strand() -> None:
     rods = make_rods(helices, MaterialParams(), radius=0.0005)
     params = ContactParams(self_contact=True)
     contacts = find_contacts(rods, params, helices, [])
-    found = find_rest_shape(rods, helices, GRAVITY, contacts)
+    none = find_rest_shape(rods, helices, GRAVITY, contacts)
+    assert none.report()["n_carrying"] == 0
+    found = find_rest_shape(rods, helices, GRAVITY, contacts, EquilibriumParams(hair_carries=True))
     assert contacts.n_contacts == 4 and found.report()["n_carrying"] >= 2
     # up on the strands above, whichever leg is the first
     up = np.where(contacts.elements[:, 0] >= 12, 1.0, -1.0) * found.forces[:, 2]
