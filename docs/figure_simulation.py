@@ -1,6 +1,7 @@
 """Frame strips of the paper's simulations on our grooms (Bao & Qi 2017, Fig. 4 and 5): head shake, wind, head moving.
 
     python docs/figure_simulation.py [NAME ...]     writes docs/pictures/simulation_*.png, docs/figure_simulation.md
+    python docs/figure_simulation.py --numbers      measures again, for the page, and keeps the pictures
 
 Needs bpy (`pip install bpy`), renders with Cycles; about 12 minutes on 2 cores for all.
 """
@@ -11,6 +12,7 @@ import os
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +26,7 @@ from hairloom.geometry.head import HeadSurface  # noqa: E402
 from hairloom.io.sim_cache import CacheReader  # noqa: E402
 from hairloom.registry import run_job  # noqa: E402
 from hairloom.rods.scene import CollisionMesh, ForceField, Scene  # noqa: E402
-from hairloom.types import Float64, Head, StrandSet  # noqa: E402
+from hairloom.types import Float32, Float64, Head, StrandSet  # noqa: E402
 from make_grooms import load_groom  # noqa: E402
 from render import RenderParams, render_strands, side_by_side  # noqa: E402
 from scipy.spatial.transform import Rotation  # noqa: E402
@@ -79,8 +81,8 @@ def moved_head(head: Head, matrix: Float64) -> Head:
     return replace(head, vertices=(head.vertices @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32))
 
 
-def make(name: str, strip: Strip, folder: Path) -> dict[str, Any]:
-    """Simulate, render the strip, and measure: seconds a frame, deepest hair, change of lengths."""
+def make(name: str, strip: Strip, folder: Path, render: bool) -> dict[str, Any]:
+    """Simulate, render the strip, and measure: seconds, deepest hair, its way."""
     strands, head = load_groom(strip.style)
     n_frames = max(strip.shown) + 1
     motion = head_motion(strip.motion, n_frames, head.vertices.mean(axis=0).astype(float))
@@ -95,19 +97,27 @@ def make(name: str, strip: Strip, folder: Path) -> dict[str, Any]:
     frames = [np.array(cache.frame(cache.frame_start + frame)) for frame in strip.shown]
     rest_depth = HeadSurface(head).signed_distance(strands.points)
     numbers = {"seconds": seconds, "frames": n_frames, "guides": report["guides"], "elements": report["elements"]}
-    depths, images = [], []
-    box = np.concatenate([moved_head(head, motion[f]).vertices for f in strip.shown] + frames)
+    depths = []
     for frame, points in zip(strip.shown, frames):
-        now, placed = StrandSet(points, strands.offsets, strands.point_attributes), moved_head(head, motion[frame])
+        placed = moved_head(head, motion[frame])
         depths.append(np.minimum(rest_depth, 0.0) - HeadSurface(placed).signed_distance(points))
+    if render:
+        render_strip(name, strip, folder, strands, [moved_head(head, motion[frame]) for frame in strip.shown], frames)
+    moved = float(np.linalg.norm(frames[-1] - frames[0], axis=1).max())
+    over = int((np.array(depths) > 0.001).sum())
+    return numbers | {"deepest": float(np.max(depths)), "over": over, "points": np.size(depths), "moved": moved}
+
+
+def render_strip(
+    name: str, strip: Strip, folder: Path, strands: StrandSet, heads: Sequence[Head], frames: Sequence[Float32]
+) -> None:
+    box, images = np.concatenate([head.vertices for head in heads] + list(frames)), []
+    for frame, head, points in zip(strip.shown, heads, frames):
+        now = StrandSet(points, strands.offsets, strands.point_attributes)
         params = RenderParams(view=strip.view, size=(PIXELS, PIXELS), samples=12)
-        images.append(render_strands(now, placed, folder / f"{name}-{frame}.png", params, frame_on=box))
+        images.append(render_strands(now, head, folder / f"{name}-{frame}.png", params, frame_on=box))
     labels = [f"{frame / FPS:.2f} s" for frame in strip.shown]
     side_by_side(images, labels, PICTURES / f"simulation_{name}.png")
-    return numbers | {
-        "deepest": float(np.max(depths)),
-        "moved": float(np.linalg.norm(frames[-1] - frames[0], axis=1).max()),
-    }
 
 
 def write_page(numbers: dict[str, dict[str, Any]]) -> None:
@@ -128,16 +138,18 @@ def write_page(numbers: dict[str, dict[str, Any]]) -> None:
                 "",
                 f"{found['guides']} guides of {found['elements']} elements, {found['frames']} frames in "
                 f"{found['seconds']:.1f} s with fit, rest shape and all hair written; deepest "
-                f"{1000 * found['deepest']:.2f} mm; farthest way {100 * found['moved']:.1f} cm.",
+                f"{1000 * found['deepest']:.2f} mm, {found['over']} of {found['points']:,} points over 1 mm; farthest way "
+                f"{100 * found['moved']:.1f} cm.",
                 "",
             ]
     (HERE / "figure_simulation.md").write_text("\n".join(lines), encoding="utf-8")
 
 
 def main() -> int:
-    names = sys.argv[1:] or list(STRIPS)
+    render = "--numbers" not in sys.argv
+    names = [name for name in sys.argv[1:] if name != "--numbers"] or list(STRIPS)
     with tempfile.TemporaryDirectory() as folder:
-        numbers = {name: make(name, STRIPS[name], Path(folder)) for name in names}
+        numbers = {name: make(name, STRIPS[name], Path(folder), render) for name in names}
     for name, found in numbers.items():
         print(name, found)
     if len(names) == len(STRIPS):
