@@ -138,8 +138,8 @@ def write_page(numbers: dict[str, dict[str, Any]]) -> None:
                 "",
                 f"{found['guides']} guides of {found['elements']} elements, {found['frames']} frames in "
                 f"{found['seconds']:.1f} s with fit, rest shape and all hair written; deepest "
-                f"{1000 * found['deepest']:.2f} mm, {found['over']} of {found['points']:,} points over 1 mm; farthest way "
-                f"{100 * found['moved']:.1f} cm.",
+                f"{1000 * found['deepest']:.2f} mm, {found['over']} of {found['points']:,} points over 1 mm; "
+                f"farthest way {100 * found['moved']:.1f} cm.",
                 "",
             ]
     (HERE / "figure_simulation.md").write_text("\n".join(lines), encoding="utf-8")
