@@ -218,9 +218,11 @@ def _slide_along(path: Any, rest: Any, slid: Any, now: Any, before: Any) -> None
     turn = np.empty(4)
     slid[0] = path[0]
     for i in range(1, n):
-        low, high = max(int(place) - half, 0), min(int(place) + 1 + half, n - 1)
-        longer = now[high] - now[low]
-        place += (before[high] - before[low]) / longer if longer > 0.0 else 1.0
+        if end < 0:
+            # `place` is on the path here: beyond its end it may be anywhere, and so would be what it is read from
+            low, high = max(int(place) - half, 0), min(int(place) + 1 + half, n - 1)
+            longer = now[high] - now[low]
+            place += (before[high] - before[low]) / longer if longer > 0.0 else 1.0
         if place > n - 1 + 1e-9 and end < 0:
             end = i - 1
             last, here = path[n - 1] - path[n - 2], path[max(end, 1)] - path[max(end, 1) - 1]
