@@ -136,8 +136,6 @@ class ContactSolver:
         # forces, N in the contacts' axes, by key in ascending order
         self._keys, self._forces = np.empty(0, np.int64), np.empty((0, 3))
 
-    rest_contacts = staticmethod(find_contacts)
-
     def set_rest(
         self, roots: Float64, frames: Float64, curvatures: Float64, solids: Sequence[Solid], *, slack: float = 0.0
     ) -> None:
