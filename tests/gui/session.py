@@ -41,6 +41,13 @@ def worker_processes() -> list[int]:
     return found
 
 
+def pause_the_worker() -> None:
+    """Stop the worker's clock, so that its job cannot end while the mouse looks for a button."""
+    for process in worker_processes():
+        os.kill(process, signal.SIGSTOP)
+    assert is_running(), "the job was too quick to be paused"
+
+
 def warms_up_in_the_background(user: driver.User) -> driver.Steps:
     """Enabled for the first time, the add-on compiles its kernels without being asked."""
     warmup = scenes.module("warmup")
@@ -89,8 +96,8 @@ def escape_cancels(user: driver.User) -> driver.Steps:
     yield from user.press("bpy.ops.hairloom.synthesize()")
     yield from user.wait(is_running, 10, "the job starts")
     yield from user.wait(lambda: bpy.context.window_manager.hairloom_job.fraction > 0, JOB_SECONDS, "progress")
+    pause_the_worker()
     yield from user.picture("running")
-    assert is_running(), "the job was too quick to be cancelled"
     yield from user.into_view()
     yield from user.key("ESC")
     yield from user.wait(lambda: not is_running(), 5, "the job ends at Esc")
@@ -101,7 +108,8 @@ def escape_cancels(user: driver.User) -> driver.Steps:
 def the_cancel_button_cancels(user: driver.User) -> driver.Steps:
     before = scenes.scene_state()
     yield from user.press("bpy.ops.hairloom.synthesize()")
-    yield from user.wait(is_running, 10, "the job starts")
+    yield from user.wait(lambda: worker_processes() != [], 10, "the worker starts")
+    pause_the_worker()
     yield from user.press("bpy.ops.hairloom.cancel_job()")
     yield from user.wait(lambda: not is_running(), 5, "the job ends at the button")
     assert scenes.scene_state() == before
