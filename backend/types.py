@@ -185,3 +185,64 @@ class FeatureMap:
         check_array("mask", self.mask, np.bool_, self.values.shape[:2])
         check_array("origin", self.origin, np.float64, (2,))
         require(self.spacing > 0, f"the map spacing is {self.spacing}; it must be above 0")
+
+
+@dataclass(frozen=True, slots=True)
+class Mesh:
+    """A triangle mesh without a scalp.
+
+    vertices : (V, 3) float32, metres, world space. triangles : (F, 3) int32, counter-clockwise seen from outside.
+    """
+
+    vertices: Float32
+    triangles: Int32
+
+    def __post_init__(self) -> None:
+        check_array("vertices", self.vertices, np.float32, (None, 3))
+        check_array("triangles", self.triangles, np.int32, (None, 3))
+        inside = (self.triangles >= 0) & (self.triangles < len(self.vertices))
+        require(inside.all(), "a triangle of the mesh names a vertex that does not exist")
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A perspective or orthographic camera with OpenCV's axes: x right, y down, z forward (away from the camera).
+
+    intrinsics : (3, 3) float64, K. Perspective: pixel = K (x / z, y / z, 1). Orthographic: pixel = K (x, y, 1), so that
+        K[0, 0] is in pixels a metre. Pixel (row r, column c) of the image covers x in [c, c + 1), y in [r, r + 1).
+    world_to_camera : (4, 4) float64, rigid.
+    size : (width, height), pixels.
+    """
+
+    intrinsics: Float64
+    world_to_camera: Float64
+    size: tuple[int, int]
+    orthographic: bool = True
+
+    def __post_init__(self) -> None:
+        check_array("intrinsics", self.intrinsics, np.float64, (3, 3))
+        check_array("world_to_camera", self.world_to_camera, np.float64, (4, 4))
+        turn = self.world_to_camera[:3, :3]
+        rigid = np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) and np.linalg.det(turn) > 0
+        require(rigid, "world_to_camera must be a rotation and a move, without scale or mirror")
+        require(min(self.size) >= 1, f"a camera of {self.size} pixels has no picture; take 1 or more")
+        require(
+            self.intrinsics[0, 0] > 0 and self.intrinsics[1, 1] > 0,
+            f"the camera's scale is {self.intrinsics[0, 0]:g} x {self.intrinsics[1, 1]:g}; it must be above 0",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class OrientationMap:
+    """Unsigned orientation of hair at each pixel.
+
+    angle : (H, W) float32, radians in [0, pi), from +x (right) towards +y (down).
+    confidence : (H, W) float32 in [0, 1], higher is better.
+    """
+
+    angle: Float32
+    confidence: Float32
+
+    def __post_init__(self) -> None:
+        check_array("angle", self.angle, np.float32, (None, None))
+        check_array("confidence", self.confidence, np.float32, self.angle.shape)
