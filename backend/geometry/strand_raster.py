@@ -1,0 +1,117 @@
+"""Which strand each pixel of a view shows and how it runs there, and the hair mask that a person would draw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ..errors import require
+from ..types import Bools, Camera, Float32, Head, Int32, Mesh, StrandSet
+from ._strand_raster_kernels import draw_segments
+from .camera import project
+from .view_raster import raster_mesh
+
+CLOSED_SHARE = 2e-4  # holes and specks below this share of the picture are not worth a person's stroke
+
+
+@dataclass(frozen=True, slots=True)
+class StrandRaster:
+    """The nearest strand of each pixel.
+
+    strand : (H, W) int32, -1 for none. segment : (H, W) int32, the number of the point that the drawn piece starts with.
+    depth : (H, W) float32, metres along the viewing direction: of the strand, or of the occluder, or inf.
+    signed_angle : (H, W) float32, radians in (-pi, pi], root to tip, from +x (right) towards +y (down); 0 for none.
+    angle : (H, W) float32, radians in [0, pi), the same without the sense.
+    mask : (H, W) bool, where there is a strand.
+    """
+
+    strand: Int32
+    segment: Int32
+    depth: Float32
+    signed_angle: Float32
+    angle: Float32
+    mask: Bools
+
+
+def raster_strands(
+    camera: Camera, strands: StrandSet, occluder: Mesh | Head | None = None, width_px: float = 1.0
+) -> StrandRaster:
+    """Draw strands as lines of `width_px` into a z-buffer; the same bits for any number of threads.
+
+    occluder : world space, metres; hides what lies behind it. Strands of a single point are not drawn, and pieces that
+        are not in front of a perspective camera neither.
+
+    Raises
+    ------
+    InputError : a width that is not above 0.
+    """
+    require(width_px > 0 and np.isfinite(width_px), f"strands cannot be {width_px} pixels wide; take a number above 0")
+    seen = np.ascontiguousarray(project(camera, strands.points))
+    width, height = camera.size
+    last = np.zeros(len(strands.points), np.bool_)
+    last[strands.offsets[1:] - 1] = True
+    starts = np.flatnonzero(~last).astype(np.int32)
+    depth = np.full((height, width), np.inf, np.float32)
+    if occluder is not None:
+        depth = raster_mesh(camera, occluder.vertices, occluder.triangles).depth
+    drawn = np.full((height, width), -1, np.int32)
+    draw_segments(seen, starts, width_px / 2.0, depth, drawn)
+    mask = drawn >= 0
+    segment = np.full((height, width), -1, np.int32)
+    segment[mask] = starts[drawn[mask]]
+    strand = np.full((height, width), -1, np.int32)
+    strand[mask] = np.searchsorted(strands.offsets, segment[mask], side="right") - 1
+    signed = np.zeros((height, width), np.float32)
+    step = seen[segment[mask] + 1, :2] - seen[segment[mask], :2]
+    signed[mask] = np.arctan2(step[:, 1], step[:, 0])
+    return StrandRaster(strand, segment, depth, signed, without_sense(signed), mask)
+
+
+def hair_mask(
+    camera: Camera,
+    strands: StrandSet,
+    occluder: Mesh | Head | None = None,
+    *,
+    close_px: float = 4.0,
+    open_px: float = 1.5,
+) -> Bools:
+    """(H, W) bool: what a person would mark as hair in a photo of the strands.
+
+    Gaps narrower than twice `close_px` are closed, bits thinner than twice `open_px` (single strands that fly away) are
+    left out, and so are small holes and specks. The occluder (the head) hides what lies behind it.
+    """
+    drawn = raster_strands(camera, strands, occluder).mask
+    return marked_region(drawn, close_px=close_px, open_px=open_px)
+
+
+def marked_region(drawn: Bools, *, close_px: float = 4.0, open_px: float = 1.5) -> Bools:
+    """(H, W) bool: the region that a person would mark for the pixels `drawn` (H, W); see `hair_mask`."""
+    rim = int(np.ceil(close_px)) + 1  # morphology sees nothing beyond the picture
+    region = np.pad(drawn.astype(np.uint8), rim)
+    region = cv2.morphologyEx(region, cv2.MORPH_CLOSE, _disc(close_px))
+    region = cv2.morphologyEx(region, cv2.MORPH_OPEN, _disc(open_px))[rim:-rim, rim:-rim]
+    smallest = CLOSED_SHARE * drawn.size
+    filled = ~_without_small(region == 0, smallest)
+    return _without_small(filled, smallest)
+
+
+def without_sense(signed_angle: Float32) -> Float32:
+    """Angles modulo pi, in [0, pi), float32."""
+    angle = np.mod(signed_angle.astype(np.float64), np.pi).astype(np.float32)
+    return np.where(angle >= np.float32(np.pi), np.float32(0.0), angle)
+
+
+def _disc(radius: float) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+    reach = int(np.ceil(radius))
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    return (x * x + y * y <= radius * radius + 0.25).astype(np.uint8)
+
+
+def _without_small(region: Bools, smallest: float) -> Bools:
+    """The region without its connected parts of fewer than `smallest` pixels."""
+    _, labels, statistics, _ = cv2.connectedComponentsWithStats(region.astype(np.uint8), connectivity=8)
+    kept = statistics[:, cv2.CC_STAT_AREA] >= smallest
+    kept[0] = False
+    return np.asarray(kept[labels])
