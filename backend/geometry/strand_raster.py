@@ -13,14 +13,16 @@ from ._strand_raster_kernels import draw_segments
 from .camera import project
 from .view_raster import raster_mesh
 
-CLOSED_SHARE = 2e-4  # holes and specks below this share of the picture are not worth a person's stroke
+SMALLEST_SHARE = 2e-4  # holes and specks below this share of the picture are not worth a person's stroke
+DENSE = 0.45  # covered share that counts as hair; a border of dense hair stays where it is at 0.5
+CLOSE_PX = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class StrandRaster:
     """The nearest strand of each pixel.
 
-    strand : (H, W) int32, -1 for none. segment : (H, W) int32, the number of the point that the drawn piece starts with.
+    strand : (H, W) int32, -1 for none. segment : (H, W) int32, the point that the drawn piece starts with.
     depth : (H, W) float32, metres along the viewing direction: of the strand, or of the occluder, or inf.
     signed_angle : (H, W) float32, radians in (-pi, pi], root to tip, from +x (right) towards +y (down); 0 for none.
     angle : (H, W) float32, radians in [0, pi), the same without the sense.
@@ -74,26 +76,22 @@ def hair_mask(
     strands: StrandSet,
     occluder: Mesh | Head | None = None,
     *,
-    close_px: float = 4.0,
-    open_px: float = 1.5,
+    close_px: float = CLOSE_PX,
 ) -> Bools:
     """(H, W) bool: what a person would mark as hair in a photo of the strands.
 
-    Gaps narrower than twice `close_px` are closed, bits thinner than twice `open_px` (single strands that fly away) are
+    That is where strands are dense: gaps of about `close_px` between them are closed, single strands that fly away are
     left out, and so are small holes and specks. The occluder (the head) hides what lies behind it.
     """
-    drawn = raster_strands(camera, strands, occluder).mask
-    return marked_region(drawn, close_px=close_px, open_px=open_px)
+    return marked_region(raster_strands(camera, strands, occluder).mask, close_px=close_px)
 
 
-def marked_region(drawn: Bools, *, close_px: float = 4.0, open_px: float = 1.5) -> Bools:
+def marked_region(drawn: Bools, *, close_px: float = CLOSE_PX) -> Bools:
     """(H, W) bool: the region that a person would mark for the pixels `drawn` (H, W); see `hair_mask`."""
-    rim = int(np.ceil(close_px)) + 1  # morphology sees nothing beyond the picture
-    region = np.pad(drawn.astype(np.uint8), rim)
-    region = cv2.morphologyEx(region, cv2.MORPH_CLOSE, _disc(close_px))
-    region = cv2.morphologyEx(region, cv2.MORPH_OPEN, _disc(open_px))[rim:-rim, rim:-rim]
-    smallest = CLOSED_SHARE * drawn.size
-    filled = ~_without_small(region == 0, smallest)
+    require(close_px > 0, f"gaps of {close_px} pixels cannot be closed; take a number above 0")
+    density = cv2.GaussianBlur(drawn.astype(np.float32), (0, 0), close_px, borderType=cv2.BORDER_REPLICATE)
+    smallest = SMALLEST_SHARE * drawn.size
+    filled = ~_without_small(density < DENSE, smallest)
     return _without_small(filled, smallest)
 
 
@@ -101,12 +99,6 @@ def without_sense(signed_angle: Float32) -> Float32:
     """Angles modulo pi, in [0, pi), float32."""
     angle = np.mod(signed_angle.astype(np.float64), np.pi).astype(np.float32)
     return np.where(angle >= np.float32(np.pi), np.float32(0.0), angle)
-
-
-def _disc(radius: float) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-    reach = int(np.ceil(radius))
-    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-    return (x * x + y * y <= radius * radius + 0.25).astype(np.uint8)
 
 
 def _without_small(region: Bools, smallest: float) -> Bools:
