@@ -39,7 +39,7 @@ CACHE = ROOT / ".cache"
 DIST = ROOT / "dist"
 LOCK = ROOT / "wheels.lock.json"
 MANIFEST = "blender_manifest.toml"
-# llvmlite 60, OpenCV 56-64, scipy 35, embreex 15 and libigl 14 MB are 180-190 MB on Linux alone; the starter content is 36
+# llvmlite 60, OpenCV 56, scipy 35, embreex 15 and libigl 14 MB are 184 MB on Linux alone; the starter content is 36
 MAX_ZIP_BYTES = 240_000_000
 PROBE_MARK = "HAIRLOOM-PROBE "
 # Blender has its own numpy, which another must not hide; the others serve the command line alone

@@ -1,0 +1,246 @@
+"""Hair or not: masks of photos from scribbles by graph cuts, a first guess without any, and editable outlines (Z-1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import require
+from ..types import Bools, Float64, Floats, check_array
+
+UInt8 = NDArray[np.uint8]
+
+LARGEST = 640  # pixels along the longer side on which the graph is cut; the border is then refined at full size
+_SEED = 5  # of OpenCV's k-means, which starts the colour models
+_SMALLEST_PART = 0.002  # of the picture; smaller islands and holes of a mask are specks
+_ITERATIONS = 5
+
+
+def segment(
+    image: UInt8, foreground: Bools, background: Bools, guess: Bools | None = None, *, iterations: int = _ITERATIONS
+) -> Bools:
+    """The mask of what the foreground scribbles touch, by graph cuts on colour models (Z-1, M-29).
+
+    Two Gaussian mixtures of colours and a contrast-dependent border (GrabCut, in OpenCV) on a reduced picture, then
+    once more in a band around the border at full size. Scribbles are kept as drawn; where both are, background wins.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8, sRGB. foreground, background : (H, W) bool, the scribbles.
+    guess : (H, W) bool, where hair probably is; None: the neighbourhood of the foreground scribbles decides.
+
+    Returns
+    -------
+    (H, W) bool. Parts that hold no scribble and are specks are left out, small holes are closed.
+
+    Raises
+    ------
+    InputError : scribbles of another size, or no foreground at all.
+    """
+    check_array("the image", image, np.uint8, (None, None, 3))
+    size = image.shape[:2]
+    for name, scribbles in (("foreground", foreground), ("background", background)):
+        require(scribbles.shape == size, f"the {name} scribbles have {scribbles.shape} pixels, the image {size}")
+    foreground = foreground & ~background
+    start = foreground if guess is None else guess | foreground
+    require(start.any(), "nothing says where the hair is; draw a foreground scribble on it")
+    scale = min(1.0, LARGEST / max(size))
+    small = (max(1, round(size[1] * scale)), max(1, round(size[0] * scale)))
+    reduced = cv2.resize(image, small, interpolation=cv2.INTER_AREA)
+    labels = _labels(_shrink(foreground, small), _shrink(background, small), _shrink(start, small), guess is None)
+    coarse = _cut(reduced, labels, iterations)
+    if scale == 1.0:
+        return _tidy(coarse, foreground, background)
+    mask = cv2.resize(coarse.astype(np.uint8), size[::-1], interpolation=cv2.INTER_LINEAR) > 0
+    return _tidy(_refine_border(image, mask, foreground, background, round(2 / scale)), foreground, background)
+
+
+def first_guess(image: UInt8) -> Bools:
+    """Where hair probably is in a portrait without any scribble (Z-1).
+
+    The background is what is like the picture's side and top borders. With a face (OpenCV's frontal-face cascade) hair
+    is searched around it, else around the top of the figure; skin is told by its hue. Graph cuts make a mask of that: a
+    start for scribbles, not a result to trust.
+
+    image : (H, W, 3) uint8 -> (H, W) bool; never empty.
+    """
+    check_array("the image", image, np.uint8, (None, None, 3))
+    height, width = image.shape[:2]
+    scale = min(1.0, LARGEST / max(height, width))
+    size = (max(8, round(width * scale)), max(8, round(height * scale)))
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    labels = _guess_around(small)
+    hair = _cut(small, labels, 3)
+    seeds = hair & (labels == cv2.GC_FGD)
+    hair = _touching(hair, seeds) if seeds.any() else hair
+    if not hair.any():
+        hair = labels == cv2.GC_FGD
+    full = cv2.resize(hair.astype(np.uint8), (width, height), interpolation=cv2.INTER_LINEAR) > 0
+    return _without_specks(np.asarray(full))
+
+
+def find_face(image: UInt8) -> tuple[float, float, float, float] | None:
+    """The largest frontal face: left, top, width and height in pixels of the square from brow to chin; None without.
+
+    image : (H, W, 3) uint8, sRGB.
+    """
+    cascade = cv2.CascadeClassifier(str(Path(cv2.data.haarcascades) / "haarcascade_frontalface_default.xml"))
+    grey = cv2.equalizeHist(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+    smallest = max(20, min(image.shape[:2]) // 12)
+    found = [] if cascade.empty() else cascade.detectMultiScale(grey, 1.1, 5, minSize=(smallest, smallest))
+    if len(found) == 0:
+        return None
+    left, top, width, height = max(found, key=lambda box: int(box[2]) * int(box[3]))
+    return float(left), float(top), float(width), float(height)
+
+
+def _guess_around(image: UInt8) -> UInt8:
+    """GrabCut's labels: surely hair over the brow or at the figure's top, probably hair around, surely not the face."""
+    figure, skin = _figure(image), _skin(image)
+    height, width = image.shape[:2]
+    face = find_face(image)
+    if face is None:
+        rows = np.flatnonzero(figure.any(axis=1))
+        top = int(rows[0]) if len(rows) else height // 8
+        columns = np.flatnonzero(figure[top : top + max(2, height // 8)].any(axis=0))
+        middle = float(columns.mean()) if len(columns) else 0.5 * width
+        side = 0.35 * min(height - top, width)
+    else:
+        middle, side = face[0] + 0.5 * face[2], face[2]
+        top = round(face[1] - 0.25 * side)
+    y, x = np.mgrid[:height, :width]
+    across, down = (x + 0.5 - middle) / side, (y + 0.5 - top) / side
+    around = (np.abs(across) < 1.2) & (down > -0.45) & (down < 2.6)
+    labels = np.full((height, width), cv2.GC_PR_BGD, np.uint8)
+    labels[around & figure & ~skin] = cv2.GC_PR_FGD
+    labels[(np.abs(across) < 0.3) & (down > -0.02) & (down < 0.12) & ~skin] = cv2.GC_FGD
+    labels[~around | ~_grown(figure, 9)] = cv2.GC_BGD
+    if face is not None:
+        # an ellipse within the square from brow to chin
+        inner = (across / 0.36) ** 2 + ((down - 0.78) / 0.45) ** 2 < 1.0
+        labels[inner] = cv2.GC_BGD
+        labels[(down > 1.25) & (np.abs(across) < 0.28)] = cv2.GC_BGD  # neck and chest
+    return labels
+
+
+def _grown(mask: Bools, size: int) -> Bools:
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)
+
+
+def outline(mask: Bools, tolerance_px: float = 1.0) -> list[Float64]:
+    """The borders of a mask as polygons: outer ones clockwise in the picture, holes the other way round.
+
+    mask : (H, W) bool -> arrays (n, 2) float64 of pixels, longest first; (0, 0) is the corner of the first pixel.
+    tolerance_px : how far the polygon may be off; larger gives fewer corners to edit.
+    """
+    padded = cv2.copyMakeBorder(mask.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+    # twice as large, so that the contour of pixel centres lies a quarter of a pixel within the border, not half
+    doubled = cv2.resize(padded, None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST)
+    contours, _ = cv2.findContours(doubled, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    found = []
+    for contour in contours:
+        simple = cv2.approxPolyDP(contour, 2.0 * tolerance_px, True).reshape(-1, 2)
+        if len(simple) >= 3:
+            # findContours goes round outer borders against the clock as drawn, y down
+            found.append((simple[::-1].astype(np.float64) + 0.5) / 2.0 - 1.0)
+    return sorted(found, key=len, reverse=True)
+
+
+def mask_from_outline(polygons: Sequence[Floats], size: tuple[int, int]) -> Bools:
+    """The mask (H, W) bool within polygons, holes by the even-odd rule; `size` is (width, height)."""
+    canvas = np.zeros((size[1], size[0]), np.uint8)
+    shift = 6  # fixed-point bits of OpenCV's corners; pixel centres are at whole numbers there
+    corners = [np.round((np.asarray(polygon) - 0.5) * (1 << shift)).astype(np.int32) for polygon in polygons]
+    if corners:
+        cv2.fillPoly(canvas, corners, 1, shift=shift)
+    return canvas.astype(np.bool_)
+
+
+def _labels(foreground: Bools, background: Bools, start: Bools, scribbles_only: bool) -> UInt8:
+    """What GrabCut begins with: sure where there are scribbles, probable by the guess, else around the scribbles."""
+    if scribbles_only:
+        away = cv2.distanceTransform((~start).astype(np.uint8), cv2.DIST_L2, 3)
+        start = np.asarray(away < 0.08 * max(start.shape))
+    labels = np.where(start, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    labels[foreground], labels[background] = cv2.GC_FGD, cv2.GC_BGD
+    return labels
+
+
+def _cut(image: UInt8, labels: UInt8, iterations: int) -> Bools:
+    """GrabCut; a picture of which one side has no pixel is returned as the labels say."""
+    labels = labels.copy()
+    inside = (labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)
+    if inside.any() and not inside.all():
+        cv2.setRNGSeed(_SEED)
+        models = np.zeros((2, 1, 65))
+        cv2.grabCut(image, labels, None, models[0], models[1], iterations, cv2.GC_INIT_WITH_MASK)
+        inside = (labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)
+    return np.asarray(inside)
+
+
+def _refine_border(image: UInt8, mask: Bools, foreground: Bools, background: Bools, width_px: int) -> Bools:
+    """Cut once more at full size, everything but a band around the border being sure."""
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * width_px + 1, 2 * width_px + 1))
+    grey = mask.astype(np.uint8)
+    labels = np.where(mask, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    labels[cv2.erode(grey, kernel, borderValue=1) > 0] = cv2.GC_FGD
+    labels[cv2.dilate(grey, kernel) == 0] = cv2.GC_BGD
+    labels[foreground], labels[background] = cv2.GC_FGD, cv2.GC_BGD
+    return _cut(image, labels, 1)
+
+
+def _tidy(mask: Bools, foreground: Bools, background: Bools) -> Bools:
+    kept = _without_specks(mask)
+    if foreground.any():
+        kept |= _touching(mask, foreground)
+    return np.asarray((kept | foreground) & ~background)
+
+
+def _without_specks(mask: Bools) -> Bools:
+    """The mask without islands and holes smaller than a part of the picture; its largest island always stays."""
+    smallest = _SMALLEST_PART * mask.size
+    kept = mask.copy()
+    for value in (True, False):
+        count, labels, stats, _ = cv2.connectedComponentsWithStats((kept == value).astype(np.uint8), connectivity=4)
+        areas = stats[:, cv2.CC_STAT_AREA]
+        small = areas < smallest
+        if value and count > 1:
+            small[1 + np.argmax(areas[1:])] = False
+        small[0] = False
+        kept[small[labels]] = not value
+    return kept
+
+
+def _touching(mask: Bools, seeds: Bools) -> Bools:
+    """The connected parts of the mask that hold a seed."""
+    _, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
+    return np.isin(labels, np.unique(labels[seeds & mask])) & mask
+
+
+def _shrink(scribbles: Bools, size: tuple[int, int]) -> Bools:
+    """Scribbles on a reduced picture: a pixel that any scribble touches."""
+    return np.asarray(cv2.resize(scribbles.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.0)
+
+
+def _figure(image: UInt8) -> Bools:
+    """What is unlike the side and top borders of a picture."""
+    lab = cv2.cvtColor(image, cv2.COLOR_RGB2LAB).astype(np.float32)
+    height, width = lab.shape[:2]
+    strip = max(2, min(height, width) // 40)
+    upper = lab[: height // 2]
+    border = np.concatenate([part.reshape(-1, 3) for part in (lab[:strip], upper[:, :strip], upper[:, -strip:])])
+    middle = np.median(border, axis=0)
+    spread = np.maximum(1.5 * np.median(np.abs(border - middle), axis=0), (6.0, 3.0, 3.0))
+    distance = np.sqrt((((lab - middle) / spread) ** 2).sum(axis=2))
+    return _without_specks(np.asarray(distance > 4.0))
+
+
+def _skin(image: UInt8) -> Bools:
+    """Pixels of skin's usual chroma (the ellipse of Hsu et al. 2002 in Cb and Cr is approximated by a box)."""
+    channels = cv2.cvtColor(image, cv2.COLOR_RGB2YCrCb)
+    y, red, blue = channels[:, :, 0], channels[:, :, 1], channels[:, :, 2]
+    return np.asarray((y > 70) & (red > 136) & (red < 175) & (blue > 85) & (blue < 128))
