@@ -10,10 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import require
-from ..types import Float32, Int32, Mesh, check_array
-from .texels import TexelMap
+from ..progress import NO_PROGRESS, Progress
+from ..types import Float32, Floats, Int32, Mesh, check_array
+from ._surface_kernels import nearest_items, ring_order, walk_patches
+from .atlas import make_atlas
+from .remeshing import SurfaceSnap, cluster_evenly, remesh, subdivide, vertex_normals
+from .texels import TexelMap, make_texel_map, texel_areas
 
-__all__ = ["HairSurface", "Level", "SurfaceParams", "TexelMap"]
+__all__ = ["HairSurface", "Level", "SurfaceParams", "TexelMap", "make_surface"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,3 +113,139 @@ class HairSurface:
         check_array("normals", self.normals, np.float32, (len(self.mesh.vertices), 3))
         check_array("corner_uv", self.corner_uv, np.float32, (len(self.mesh.triangles), 3, 2))
         require(len(self.levels) >= 1, "a hair surface needs a scale")
+
+
+def make_surface(
+    shape: Mesh, params: SurfaceParams = SurfaceParams(), *, progress: Progress = NO_PROGRESS
+) -> HairSurface:
+    """Remesh the open shape of the hair and lay texels and patches on it (Zhang et al. 2017, sec. 4.2; Z-8 ... Z-11).
+
+    Parameters
+    ----------
+    shape : G, the outer surface; metres, world space. progress : called a few times; may raise Cancelled.
+
+    Raises
+    ------
+    InputError : a shape without triangles or area, or one that cannot be unwrapped.
+    """
+    require(len(shape.triangles) > 0, "the hair's shape has no triangles; find a shape first")
+    extent = float(np.ptp(shape.vertices, axis=0).max())
+    require(extent > 1e-4, f"the hair's shape is {extent:g} m large; it must be in metres and larger than 0.1 mm")
+    progress(0.0, "Remeshing the hair's shape")
+    coarse = remesh(shape, params.atlas_vertices)
+    progress(0.15, "Unwrapping the hair's shape")
+    corner_uv, charts = make_atlas(coarse, params.gutter / params.texture_size)
+    mesh, corner_uv = _refine(coarse, corner_uv, shape, params.subdivisions)
+    charts = np.repeat(charts, len(mesh.triangles) // len(charts))
+    normals = vertex_normals(mesh.vertices, mesh.triangles)
+    across = _across(mesh.triangles)
+    levels = []
+    for scale in range(params.n_scales):
+        progress(0.3 + 0.7 * 0.25 ** (params.n_scales - scale), f"Scale {scale + 1} of {params.n_scales}")
+        size = params.texture_size >> (params.n_scales - 1 - scale)
+        texels = make_texel_map(mesh, normals, corner_uv, charts, size)
+        levels.append(_make_level(texels, mesh, corner_uv, across, params))
+    progress(1.0, "Surface finished")
+    return HairSurface(mesh, normals, corner_uv, tuple(levels))
+
+
+def _refine(mesh: Mesh, corner_uv: Float32, shape: Mesh, times: int) -> tuple[Mesh, Float32]:
+    """Subdivide the atlas' mesh and draw the new vertices to the shape; the atlas stays."""
+    snap, values = SurfaceSnap(shape), corner_uv
+    for _ in range(times):
+        count = len(mesh.vertices)
+        finer, divided = subdivide(mesh, values)
+        mesh, values = snap.snap(finer, count), np.asarray(divided, np.float32)
+    return mesh, values
+
+
+def _across(triangles: Int32) -> Int32:
+    """(F, 3) int32: the triangle beyond the side opposite to each corner, -1 at the boundary."""
+    start, end = triangles[:, [1, 2, 0]].astype(np.int64), triangles[:, [2, 0, 1]].astype(np.int64)
+    forward, backward = (start << 32 | end).ravel(), (end << 32 | start).ravel()
+    order = np.argsort(forward, kind="stable")
+    place = np.minimum(np.searchsorted(forward[order], backward), len(order) - 1)
+    match = order[place]
+    found = forward[match] == backward
+    return np.where(found, match // 3, -1).reshape(-1, 3).astype(np.int32)
+
+
+def _make_level(texels: TexelMap, mesh: Mesh, corner_uv: Float32, across: Int32, params: SurfaceParams) -> Level:
+    """Vertices as centres of texel clusters (M-33), their one-rings, frames, order and patches."""
+    m = params.patch_size
+    n_vertices = max(round(texels.n_texels / (params.vertex_spacing * m) ** 2), min(4, texels.n_texels))
+    areas = texel_areas(texels, mesh, corner_uv)
+    labels = cluster_evenly(texels.points, areas, texels.edges, n_vertices)
+    centres = _central_texels(texels.points, areas, labels, n_vertices)
+    vertices, normals = texels.points[centres], texels.normals[centres]
+    tangents, bitangents = tangent_frames(normals)
+    offsets, neighbours = _one_rings(texels.edges, labels, vertices, tangents, bitangents)
+    order = scan_order(vertices, offsets, neighbours)
+    patches = np.empty((n_vertices, m * m), np.int32)
+    walk_patches(
+        centres,
+        tangents,
+        bitangents,
+        m,
+        texels.spacing,
+        texels.grid(),
+        texels.points,
+        texels.triangle,
+        corner_uv.astype(np.float64) * texels.size,
+        mesh.vertices,
+        mesh.triangles,
+        across,
+        patches,
+    )
+    return Level(texels, vertices, normals, tangents, bitangents, offsets, neighbours, order, patches)
+
+
+def _central_texels(points: Float32, areas: Float32, labels: Int32, count: int) -> Int32:
+    """(count,) int32: the item of each cluster that is nearest to its centre."""
+    weight = np.bincount(labels, areas, count)
+    sums = [np.bincount(labels, areas.astype(np.float64) * points[:, axis], count) / weight for axis in range(3)]
+    nearest = np.full(count, -1, np.int32)
+    nearest_items(points, labels, np.stack(sums, axis=1), nearest, np.full(count, np.inf))
+    return nearest
+
+
+def tangent_frames(normals: Floats) -> tuple[Float32, Float32]:
+    """Tangents (n, 3), normal x up, and bitangents (n, 3), normal x tangent, float32 unit, of unit normals (n, 3).
+
+    Sec. 4.3.1 with its y for our z. Where the normal is up or down, the tangent is along x.
+    """
+    across = np.stack([normals[:, 1], -normals[:, 0], np.zeros(len(normals))], axis=1).astype(np.float64)
+    length = np.linalg.norm(across, axis=1, keepdims=True)
+    across = np.where(length > 1e-6, across / np.maximum(length, 1e-6), [1.0, 0.0, 0.0])
+    across -= np.einsum("nc,nc->n", across, normals)[:, None] * normals
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    return across.astype(np.float32), np.cross(normals, across).astype(np.float32)
+
+
+def _one_rings(
+    edges: Int32, labels: Int32, vertices: Float32, tangents: Float32, bitangents: Float32
+) -> tuple[Int32, Int32]:
+    """Which clusters touch, as CSR, counter-clockwise around each vertex' normal."""
+    count = len(vertices)
+    ends = labels[edges]
+    ends = ends[ends[:, 0] != ends[:, 1]].astype(np.int64)
+    keys = np.unique(np.concatenate([ends[:, 0] * count + ends[:, 1], ends[:, 1] * count + ends[:, 0]]))
+    one, other = keys // count, keys % count
+    step = vertices[other] - vertices[one]
+    angle = np.arctan2(np.einsum("nc,nc->n", step, bitangents[one]), np.einsum("nc,nc->n", step, tangents[one]))
+    order = np.lexsort((angle, one))
+    offsets = np.zeros(count + 1, np.int32)
+    np.cumsum(np.bincount(one, minlength=count), out=offsets[1:])
+    return offsets, other[order].astype(np.int32)
+
+
+def scan_order(vertices: Float32, offsets: Int32, neighbours: Int32) -> Int32:
+    """(V,) int32: the vertices ring by ring around the topmost, each ring counter-clockwise (sec. 4.3.1; Z-17).
+
+    offsets, neighbours : one-rings, counter-clockwise (`Level`). Parts of the surface that do not hang together come
+    one after the other, each from its topmost vertex on.
+    """
+    order = np.empty(len(vertices), np.int32)
+    starts = np.argsort(-vertices[:, 2], kind="stable").astype(np.int32)
+    ring_order(offsets, neighbours, starts, order)
+    return order

@@ -5,9 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ..errors import require
-from ..types import Float32, Int32, check_array
+from ..types import Bools, Float32, Int32, Mesh, check_array
+from ._texel_kernels import chart_links, draw_triangles, place_texels, write_edges
+
+LONGEST_STEP = 4.0  # texel spacings between neighbours of one chart: farther apart, two parts of a chart touch
+SEAM_REACH = 2.0  # texel spacings over which texels of two sides of a seam are linked
+SEAM_LINKS = 2  # across a seam, from each of its texels
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,3 +58,109 @@ class TexelMap:
         grid = np.full(self.size * self.size, -1, np.int32)
         grid[self.texels] = np.arange(self.n_texels, dtype=np.int32)
         return grid.reshape(self.size, self.size)
+
+
+def make_texel_map(mesh: Mesh, normals: Float32, corner_uv: Float32, charts: Int32, size: int) -> TexelMap:
+    """The texels of an atlas (Z-9, M-34).
+
+    Parameters
+    ----------
+    mesh, normals (V, 3), corner_uv (F, 3, 2) : as in `surface.HairSurface`. charts : (F,) int32, chart of each triangle.
+    size : texels along a side.
+
+    Raises
+    ------
+    InputError : no texel's centre lies in a chart.
+    """
+    corners = corner_uv.astype(np.float64) * size
+    drawn = np.full((size, size), -1, np.int32)
+    draw_triangles(corners, drawn)
+    texels = np.flatnonzero(drawn >= 0).astype(np.int32)
+    count = len(texels)
+    require(count > 1, f"a texture of {size} texels has none on the surface; take a larger one")
+    triangle = drawn.ravel()[texels]
+    barycentric, points = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
+    smooth = np.empty((count, 3), np.float32)
+    place_texels(texels, triangle, size, corners, mesh.triangles, mesh.vertices, normals, barycentric, points, smooth)
+    grid = np.full((size, size), -1, np.int32)
+    grid.ravel()[texels] = np.arange(count, dtype=np.int32)
+    edges, spacing = _link(grid, texels, charts[triangle], points, smooth, np.sqrt(_area(mesh) / count))
+    return TexelMap(size, texels, triangle, barycentric, points, smooth, spacing, edges)
+
+
+def _area(mesh: Mesh) -> float:
+    corners = mesh.vertices[mesh.triangles].astype(np.float64)
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return float(0.5 * np.linalg.norm(cross, axis=1).sum())
+
+
+def _link(
+    grid: Int32, texels: Int32, charts: Int32, points: Float32, normals: Float32, guess: float
+) -> tuple[Int32, float]:
+    """The edges of a TexelMap, and the median length of those to the right."""
+    count = len(texels)
+    right, down = np.empty(count, np.bool_), np.empty(count, np.bool_)
+    chart_links(grid, texels, charts, points, LONGEST_STEP * guess, right, down)
+    first = np.flatnonzero(right)
+    steps = np.linalg.norm(points[first] - points[first + 1], axis=1)
+    spacing = float(np.median(steps)) if len(steps) else guess
+    seams = _seam_links(grid, texels, charts, points, normals, right, down, spacing)
+    seam_counts = np.bincount(seams[:, 0], minlength=count)
+    seam_offsets = np.zeros(count + 1, np.int32)
+    np.cumsum(seam_counts, out=seam_offsets[1:])
+    offsets = np.zeros(count + 1, np.int32)
+    np.cumsum(right.astype(np.int32) + down + seam_counts, out=offsets[1:])
+    edges = np.empty((int(offsets[-1]), 2), np.int32)
+    write_edges(grid, texels, right, down, offsets, seam_offsets, np.ascontiguousarray(seams[:, 1]), edges)
+    return edges, spacing
+
+
+def _seam_links(
+    grid: Int32,
+    texels: Int32,
+    charts: Int32,
+    points: Float32,
+    normals: Float32,
+    right: Bools,
+    down: Bools,
+    spacing: float,
+) -> Int32:
+    """(n, 2) int32 pairs across seams, the smaller first, sorted: from each texel at a chart's border the nearest ones.
+
+    The two sides of a seam may belong to one chart; what lies near in the texture too is no other side.
+    """
+    size = len(grid)
+    degree = right.astype(np.int8) + down
+    lower = grid.ravel()[texels[down] + size]
+    degree[np.flatnonzero(right) + 1] += 1
+    degree[lower] += 1
+    border = np.flatnonzero(degree < 4)
+    if len(border) < 2:
+        return np.empty((0, 2), np.int32)
+    k = min(16, len(border))
+    reach = SEAM_REACH * spacing
+    distance, found = cKDTree(points[border]).query(points[border], k=k, distance_upper_bound=reach, workers=1)
+    one = np.repeat(border, k)
+    near = np.isfinite(distance).ravel()
+    one, other = one[near], border[found.ravel()[near]]
+    rows, columns = texels // size, texels % size
+    apart = np.maximum(np.abs(rows[one] - rows[other]), np.abs(columns[one] - columns[other])) > 2 * SEAM_REACH + 1
+    across = (charts[one] != charts[other]) | apart
+    across &= np.einsum("nc,nc->n", normals[one], normals[other]) > 0
+    one, other = one[across], other[across]
+    # candidates come nearest first for each texel: keep the first few
+    starts = np.flatnonzero(np.diff(one, prepend=-1))
+    rank = np.arange(len(one)) - np.repeat(starts, np.diff(np.append(starts, len(one))))
+    one, other = one[rank < SEAM_LINKS], other[rank < SEAM_LINKS]
+    pairs = np.stack([np.minimum(one, other), np.maximum(one, other)], axis=1)
+    return np.unique(pairs, axis=0).astype(np.int32)
+
+
+def texel_areas(texels: TexelMap, mesh: Mesh, corner_uv: Float32) -> Float32:
+    """(T,) float32, m^2: the part of the surface that each texel stands for (its triangle's scale)."""
+    corners = mesh.vertices[mesh.triangles].astype(np.float64)
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    u, v = corner_uv[:, 1] - corner_uv[:, 0], corner_uv[:, 2] - corner_uv[:, 0]
+    flat = np.abs(u[:, 0].astype(np.float64) * v[:, 1] - u[:, 1].astype(np.float64) * v[:, 0])
+    scale = np.linalg.norm(cross, axis=1) / np.maximum(flat, 1e-30) / texels.size**2
+    return np.asarray(scale[texels.triangle], np.float32)

@@ -1,0 +1,255 @@
+"""Uniform vertices on a surface: approximated centroidal Voronoi clusters (Valette & Chassery 2004; Z-8, M-33)."""
+
+from __future__ import annotations
+
+import igl
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ..errors import require
+from ..types import Float32, Float64, Floats, Int32, Mesh
+from ._remeshing_kernels import grow_labels, label_parts, relax_clusters
+
+MAX_SWEEPS = 100
+ITEMS_A_CLUSTER = 10  # a mesh with fewer vertices a cluster is subdivided first
+
+
+def cluster_evenly(points: Floats, weights: Floats, edges: Int32, n_clusters: int) -> Int32:
+    """Part items into connected clusters of about equal weight, round ones where they can be.
+
+    Minimises the sum over clusters of sum_j w_j |g_j|^2 - |sum_j w_j g_j|^2 / sum_j w_j by moving items over the borders
+    between clusters (Valette & Chassery 2004; M-33), from runs of a space-filling curve.
+
+    Parameters
+    ----------
+    points : (n, 3) float, metres. weights : (n,) float, above 0, the items' areas. edges : (E, 2) int32, neighbours.
+
+    Returns
+    -------
+    labels : (n,) int32 in [0, n_clusters); every cluster has an item. Where the items are no connected whole, a cluster
+        may still consist of parts.
+
+    Raises
+    ------
+    InputError : more clusters than items, or none.
+    """
+    count = len(points)
+    require(1 <= n_clusters <= count, f"{count} items cannot make {n_clusters} clusters; take 1 to {count}")
+    middle = np.asarray(points, np.float64).mean(axis=0)
+    centred = np.ascontiguousarray(points - middle, np.float32 if points.dtype == np.float32 else np.float64)
+    weight = np.ascontiguousarray(weights, centred.dtype)
+    labels = _runs(centred, weight, n_clusters)
+    for _ in range(4):
+        sums, counts = _sums(centred, weight, labels, n_clusters)
+        relax_clusters(centred, weight, edges, labels, sums, counts, MAX_SWEEPS)
+        if not _release_parts(weight, edges, labels):
+            break
+    return labels
+
+
+def _sums(points: Floats, weights: Floats, labels: Int32, count: int) -> tuple[Float64, Int32]:
+    """(count, 4) float64 weight and weighted point of each cluster, (count,) int32 items."""
+    columns = [np.bincount(labels, weights, count)]
+    columns += [np.bincount(labels, weights * points[:, axis].astype(np.float64), count) for axis in range(3)]
+    return np.stack(columns, axis=1), np.bincount(labels, minlength=count).astype(np.int32)
+
+
+def _runs(points: Floats, weights: Floats, n_clusters: int) -> Int32:
+    """Clusters of equal weight from runs along the Morton curve; each has an item."""
+    low = points.min(axis=0)
+    extent = max(float((points.max(axis=0) - low).max()), 1e-30)
+    cells = np.minimum((points - low) * (1023.999 / extent), 1023).astype(np.uint32)
+    code = _spread(cells[:, 0]) | (_spread(cells[:, 1]) << 1) | (_spread(cells[:, 2]) << 2)
+    order = np.argsort(code, kind="stable")
+    total = np.cumsum(weights[order], dtype=np.float64)
+    run = np.minimum((total - 0.5 * weights[order]) * (n_clusters / total[-1]), n_clusters - 1).astype(np.int64)
+    # at least one item each: a run may start neither before its number of items nor so late that the rest get none
+    index = np.arange(len(points))
+    run = np.minimum(run, index)
+    run = np.maximum(run, n_clusters - len(points) + index)
+    steps = np.minimum(np.diff(run, prepend=-1), 1)
+    if (np.diff(run, prepend=-1) > 1).any():
+        run = np.maximum(np.minimum(np.cumsum(steps) - 1, n_clusters - 1), n_clusters - len(points) + index)
+    labels = np.empty(len(points), np.int32)
+    labels[order] = run
+    return labels
+
+
+def _spread(values: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """The ten low bits, three places apart."""
+    spread = values & np.uint32(0x3FF)
+    for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
+        spread = (spread | (spread << np.uint32(shift))) & np.uint32(mask)
+    return spread
+
+
+def _release_parts(weights: Floats, edges: Int32, labels: Int32) -> bool:
+    """Give all but the heaviest part of each cluster to the neighbours, in place; false where there was nothing."""
+    parts = np.empty_like(labels)
+    label_parts(edges, labels, parts)
+    heads = np.flatnonzero(parts == np.arange(len(parts), dtype=np.int32))
+    weight = np.bincount(parts, weights, len(parts))[heads]
+    order = np.lexsort((heads, -weight, labels[heads]))
+    first = np.ones(len(order), np.bool_)
+    first[1:] = np.diff(labels[heads[order]]) != 0
+    if first.all():
+        return False
+    kept = np.zeros(len(parts), np.bool_)
+    kept[heads[order[first]]] = True
+    before = labels.copy()
+    labels[~kept[parts]] = -1
+    while (labels < 0).any() and grow_labels(edges, labels) > 0:
+        pass
+    # islands of the item graph have no other cluster to join
+    lost = labels < 0
+    labels[lost] = before[lost]
+    return bool((labels != before).any())
+
+
+def mesh_edges(triangles: Int32) -> Int32:
+    """(E, 2) int32: each edge of the triangles once, the smaller vertex first, sorted."""
+    sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
+    low, high = sides.min(axis=1), sides.max(axis=1)
+    keys = np.unique(low << 32 | high)
+    return np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1).astype(np.int32)
+
+
+def boundary_edges(triangles: Int32) -> Int32:
+    """(B, 2) int32: the directed edges of the triangles that no other triangle runs back along."""
+    sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
+    forward, backward = sides[:, 0] << 32 | sides[:, 1], sides[:, 1] << 32 | sides[:, 0]
+    return np.asarray(sides[~np.isin(forward, backward)], np.int32)
+
+
+def vertex_areas(vertices: Floats, triangles: Int32) -> Float64:
+    """(V,) float64, m^2: a third of the area of the triangles around each vertex."""
+    corners = np.asarray(vertices, np.float64)[triangles]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(cross, axis=1) / 6
+    return np.asarray(np.bincount(triangles.ravel(), np.repeat(area, 3), len(vertices)))
+
+
+def vertex_normals(vertices: Floats, triangles: Int32) -> Float32:
+    """(V, 3) float32 unit normals, mean of the triangles around weighted by area; (0, 0, 1) for a lone vertex."""
+    corners = np.asarray(vertices, np.float64)[triangles]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    repeated = np.repeat(cross, 3, axis=0)
+    sums = np.stack([np.bincount(triangles.ravel(), repeated[:, axis], len(vertices)) for axis in range(3)], axis=1)
+    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
+    return np.where(lengths > 0, sums / np.where(lengths > 0, lengths, 1), [0.0, 0.0, 1.0]).astype(np.float32)
+
+
+def subdivide(mesh: Mesh, corner_values: Floats | None = None) -> tuple[Mesh, Floats | None]:
+    """Each triangle into four by the middles of its edges.
+
+    corner_values : (F, 3, c) float, for instance texture coordinates, or None; the new triangles' come back (4 F, 3, c).
+    Triangle f becomes 4 f ... 4 f + 3; the old vertices keep their numbers.
+    """
+    triangles, count = mesh.triangles, len(mesh.vertices)
+    edges = mesh_edges(triangles)
+    keys = edges[:, 0].astype(np.int64) << 32 | edges[:, 1]
+    following = triangles[:, [1, 2, 0]].astype(np.int64)
+    low, high = np.minimum(triangles, following), np.maximum(triangles, following)
+    middle = (count + np.searchsorted(keys, low << 32 | high)).astype(np.int32)
+    vertices = np.concatenate([mesh.vertices, 0.5 * (mesh.vertices[edges[:, 0]] + mesh.vertices[edges[:, 1]])])
+    a, b, c = triangles.T
+    ab, bc, ca = middle.T
+    parts = np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=1).reshape(-1, 3)
+    fine = Mesh(vertices.astype(np.float32), np.ascontiguousarray(parts, np.int32))
+    if corner_values is None:
+        return fine, None
+    u, v, w = corner_values[:, 0], corner_values[:, 1], corner_values[:, 2]
+    uv, vw, wu = 0.5 * (u + v), 0.5 * (v + w), 0.5 * (w + u)
+    values = np.stack([u, uv, wu, uv, v, vw, wu, vw, w, uv, vw, wu], axis=1)
+    return fine, values.reshape(-1, 3, corner_values.shape[2])
+
+
+class SurfaceSnap:
+    """Draws points to a mesh: to its surface, and points of a boundary to its boundary."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._vertices = np.ascontiguousarray(mesh.vertices, np.float64)
+        self._triangles = np.ascontiguousarray(mesh.triangles, np.int64)
+        self._tree = igl.AABB()
+        self._tree.init(self._vertices, self._triangles)
+        ends = self._vertices[boundary_edges(mesh.triangles)]
+        share = np.linspace(0, 1, 8, endpoint=False)[:, None, None]
+        self._boundary = (ends[:, 0] + share * (ends[:, 1] - ends[:, 0])).reshape(-1, 3)
+
+    def snap(self, mesh: Mesh, start: int = 0) -> Mesh:
+        """The mesh with its vertices from number `start` on drawn to the surface, or where they bound it to the bound."""
+        vertices = mesh.vertices.astype(np.float64)
+        queries = np.ascontiguousarray(vertices[start:])
+        if len(queries) == 0:
+            return mesh
+        _, _, closest = self._tree.squared_distance(self._vertices, self._triangles, queries)
+        vertices[start:] = closest
+        rim = np.unique(boundary_edges(mesh.triangles))
+        rim = rim[rim >= start]
+        if len(rim) and len(self._boundary):
+            _, nearest = cKDTree(self._boundary).query(mesh.vertices[rim])
+            vertices[rim] = self._boundary[nearest]
+        return Mesh(vertices.astype(np.float32), mesh.triangles)
+
+
+def remesh(mesh: Mesh, n_vertices: int) -> Mesh:
+    """A mesh of the same surface with about `n_vertices` vertices, evenly spread (Valette & Chassery 2004; Z-8, M-33).
+
+    The dual of the clusters of `cluster_evenly`: a triangle where three of them meet. The vertices lie on the surface,
+    at the clusters' centres; those of clusters at an open boundary lie on the boundary.
+
+    Raises
+    ------
+    InputError : a mesh without triangles, or fewer than 4 vertices asked for.
+    """
+    require(len(mesh.triangles) > 0, "the mesh to be remeshed has no triangles; give a surface")
+    require(n_vertices >= 4, f"a mesh of {n_vertices} vertices was asked for; take 4 or more")
+    fine = _without_lone_vertices(mesh)
+    while len(fine.vertices) < ITEMS_A_CLUSTER * n_vertices:
+        fine, _ = subdivide(fine)
+    areas = np.maximum(vertex_areas(fine.vertices, fine.triangles), 1e-18)
+    labels = cluster_evenly(fine.vertices, areas, mesh_edges(fine.triangles), n_vertices)
+    centres = _centres(fine, areas, labels, n_vertices)
+    coarse = _dual(fine, labels, centres)
+    return SurfaceSnap(fine).snap(coarse)
+
+
+def _centres(mesh: Mesh, areas: Float64, labels: Int32, count: int) -> Float64:
+    """(count, 3): the weighted means of the clusters, of their boundary vertices alone where they have some."""
+    sums, _ = _sums(mesh.vertices, areas, labels, count)
+    centres = sums[:, 1:] / sums[:, :1]
+    rim = np.unique(boundary_edges(mesh.triangles))
+    if len(rim):
+        on_rim, counts = _sums(mesh.vertices[rim], np.ones(len(rim)), labels[rim], count)
+        bound = counts > 0
+        centres[bound] = on_rim[bound, 1:] / on_rim[bound, :1]
+    return np.asarray(centres)
+
+
+def _dual(mesh: Mesh, labels: Int32, centres: Float64) -> Mesh:
+    """The triangles between clusters that meet at a triangle of the mesh; no directed edge twice."""
+    meets = labels[mesh.triangles]
+    distinct = (meets[:, 0] != meets[:, 1]) & (meets[:, 1] != meets[:, 2]) & (meets[:, 2] != meets[:, 0])
+    triangles = meets[distinct]
+    # the smallest vertex first, so that the same triangle found twice can be told
+    turn = triangles.argmin(axis=1)[:, None]
+    triangles = np.take_along_axis(triangles, (np.arange(3) + turn) % 3, axis=1)
+    triangles = np.unique(triangles, axis=0)
+    while True:
+        keys = triangles.astype(np.int64) << 32 | triangles[:, [1, 2, 0]]
+        _, first = np.unique(keys.ravel(), return_index=True)
+        repeated = np.ones(keys.size, np.bool_)
+        repeated[first] = False
+        surplus = repeated.reshape(-1, 3).any(axis=1)
+        if not surplus.any():
+            break
+        triangles = triangles[~surplus]
+    return _without_lone_vertices(Mesh(centres.astype(np.float32), np.ascontiguousarray(triangles, np.int32)))
+
+
+def _without_lone_vertices(mesh: Mesh) -> Mesh:
+    used, triangles = np.unique(mesh.triangles, return_inverse=True)
+    if len(used) == len(mesh.vertices):
+        return mesh
+    return Mesh(np.ascontiguousarray(mesh.vertices[used]), triangles.reshape(-1, 3).astype(np.int32))
