@@ -88,7 +88,8 @@ def find_face(image: UInt8) -> tuple[float, float, float, float] | None:
 
     image : (H, W, 3) uint8, sRGB.
     """
-    cascade = cv2.CascadeClassifier(str(Path(cv2.data.haarcascades) / "haarcascade_frontalface_default.xml"))
+    folder = Path(str(cv2.__file__)).parent / "data"
+    cascade = cv2.CascadeClassifier(str(folder / "haarcascade_frontalface_default.xml"))
     grey = cv2.equalizeHist(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
     smallest = max(20, min(image.shape[:2]) // 12)
     found = [] if cascade.empty() else cascade.detectMultiScale(grey, 1.1, 5, minSize=(smallest, smallest))

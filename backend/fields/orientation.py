@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import require
-from ..types import Bools, Float32, OrientationMap
+from ..types import Bools, Float32, Floats, OrientationMap
+from ._orientation_kernels import find_peaks
 
 _STRIP = 256  # rows of a picture that are worked on at once: the bank's responses are kept for these only
 
@@ -67,8 +68,8 @@ def orientation_map(
     bank = gabor_bank(params)
     angle = np.zeros(grey.shape, np.float32)
     confidence = np.zeros(grey.shape, np.float32)
-    for iteration in range(params.iterations):
-        angle, confidence = _filtered(grey, bank, both_signs=iteration == 0)
+    for _ in range(params.iterations):
+        angle, confidence = _filtered(grey, bank)
         top = float(np.percentile(confidence if mask is None or not mask.any() else confidence[mask], 99))
         confidence = np.clip(confidence / top, 0.0, 1.0) if top > 0 else np.zeros_like(confidence)
         grey = confidence
@@ -128,7 +129,7 @@ def _continued(grey: Float32, mask: Bools) -> Float32:
     return np.asarray(values[labels])
 
 
-def _filtered(grey: Float32, bank: Float32, both_signs: bool) -> tuple[Float32, Float32]:
+def _filtered(grey: Float32, bank: Float32) -> tuple[Float32, Float32]:
     """Angle and confidence of every pixel, strip by strip so that the bank's responses stay few."""
     reach = bank.shape[1] // 2
     height = grey.shape[0]
@@ -138,31 +139,11 @@ def _filtered(grey: Float32, bank: Float32, both_signs: bool) -> tuple[Float32, 
         stop = min(start + _STRIP, height)
         part = padded[start : stop + 2 * reach]
         responses = np.stack([cv2.filter2D(part, cv2.CV_32F, kernel)[reach:-reach, reach:-reach] for kernel in bank])
-        # a dark hair is as good as a bright one; in the confidence, hair is bright
-        responses = np.abs(responses) if both_signs else np.maximum(responses, 0.0)
-        angle[start:stop], confidence[start:stop] = _peak(responses)
-    return angle, confidence
+        find_peaks(responses, angle[start:stop], confidence[start:stop])
+    return _wrapped(angle), confidence
 
 
-def _peak(responses: Float32) -> tuple[Float32, Float32]:
-    """Angle of the largest response, between the filters by a parabola, and the confidence."""
-    count = len(responses)
-    best = responses.argmax(axis=0)[None]
-    top = np.take_along_axis(responses, best, axis=0)[0]
-    before = np.take_along_axis(responses, (best - 1) % count, axis=0)[0]
-    after = np.take_along_axis(responses, (best + 1) % count, axis=0)[0]
-    bend = before - 2.0 * top + after
-    shift = np.divide(0.5 * (before - after), bend, out=np.zeros_like(top), where=bend < -1e-12)
-    angle = (best[0] + np.clip(shift, -0.5, 0.5)) * (math.pi / count)
-    total = np.zeros_like(top)
-    steps = np.arange(count)
-    apart = np.minimum(steps, count - steps) * (math.pi / count)
-    for k in range(count):
-        total += apart[(k - best[0]) % count].astype(np.float32) * (responses[k] - top) ** 2
-    return _wrapped(angle), np.sqrt(total)
-
-
-def _wrapped(angle: NDArray[np.floating]) -> Float32:
+def _wrapped(angle: Floats) -> Float32:
     """In [0, pi), also after rounding to float32."""
     turned = np.mod(angle, math.pi).astype(np.float32)
     turned[turned >= np.float32(math.pi)] = 0.0
