@@ -1,0 +1,171 @@
+"""What the masks allow: carving a region of voxels by them, and growing it where a mask is not filled (Z-5, Z-7)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from ..geometry.camera import project, resized, unproject
+from ..geometry.view_raster import raster_mesh
+from ..types import Bools, Camera, Float32, Float64, Floats, Head, Mesh
+from ._hull_kernels import cone_distances
+from .deformation import shrink_mask
+from .solid import Voxels, point_voxels, surface
+from .views import View
+
+_GROWN = 2.0  # voxels, half the thickness of what is grown
+_PIXEL = 0.7  # voxels, a pixel's edge in the pictures in which growing looks for gaps
+
+
+@dataclass(frozen=True, slots=True)
+class Cone:
+    """Where one view allows hair: along the rays of its mask, and behind the head.
+
+    inside_px : (H, W) float32, pixels, distance to the mask's border, positive in the mask.
+    head_depth : (H, W) float32, metres, inf beside the head.
+    """
+
+    name: str
+    camera: Camera
+    mask: Bools
+    inside_px: Float32
+    head_depth: Float32
+
+
+def make_cones(views: Sequence[View], head: Head) -> list[Cone]:
+    """One cone a view, at the size of its picture."""
+    cones = []
+    for view in views:
+        depth = raster_mesh(view.camera, head.vertices, head.triangles).depth
+        cones.append(Cone(view.name, view.camera, view.mask, inside_distance(view.mask), depth))
+    return cones
+
+
+def inside_distance(mask: Bools) -> Float32:
+    """(H, W) float32, pixels: distance of each pixel's middle to the border of the mask, positive inside."""
+    inside = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    outside = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    # between a pixel and the next the border lies half a pixel from both
+    return np.asarray(np.where(mask, np.minimum(inside, 1e6) - 0.5, 0.5 - np.minimum(outside, 1e6)), np.float32)
+
+
+def allowed_distance(points: Floats, cones: Sequence[Cone]) -> Float32:
+    """(n,) float32, metres: how far inside all cones points (n, 3), metres, world space, lie; negative outside of one."""
+    places = np.ascontiguousarray(points, np.float64)
+    distance = np.full(len(places), 10.0, np.float32)
+    for cone in cones:
+        camera = cone.camera
+        cone_distances(
+            places,
+            camera.world_to_camera,
+            camera.intrinsics,
+            not camera.orthographic,
+            cone.inside_px,
+            cone.head_depth,
+            distance,
+        )
+    return distance
+
+
+def voxel_points(voxels: Voxels) -> Float64:
+    """(n^3, 3) float64, metres: the middles of all voxels, z fastest."""
+    axes = [voxels.origin[axis] + np.arange(voxels.count) * voxels.cell for axis in range(3)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def seen_hair(camera: Camera, mesh: Mesh, head_depth: Float32) -> tuple[Bools, Float32]:
+    """(H, W) bool, where the mesh is before the head, and (H, W) float32 its depth, metres."""
+    depth = raster_mesh(camera, mesh.vertices, mesh.triangles).depth
+    return np.asarray(depth < head_depth), depth
+
+
+def grow(field: Float32, allowed: Float32, voxels: Voxels, number: int, cones: Sequence[Cone], head: Head) -> Float32:
+    """The field with hair added where view `number` has mask but no hair, as near as allowed in depth to its neighbours.
+
+    field, allowed : (n, n, n) float32, metres, positive inside the hair, respectively inside all cones.
+    """
+    cone = cones[number]
+    gaps = _find_gaps(surface(field, voxels), voxels, cone, head)
+    if gaps is None:
+        return field
+    pixels, wanted, limit, camera = gaps
+    points, found = _nearest_allowed(pixels, wanted, limit, camera, voxels, cones)
+    if not found.any():
+        return field
+    seeds = point_voxels(voxels.indices(points[found]), voxels)
+    if not seeds.any():
+        return field
+    away = distance_transform_edt(~seeds).astype(np.float32) * np.float32(voxels.cell)
+    added = np.minimum(allowed, np.float32(_GROWN * voxels.cell) - away)
+    return np.maximum(field, added)
+
+
+def uncoverable(number: int, cones: Sequence[Cone], voxels: Voxels, others: Sequence[int]) -> float:
+    """Share of the mask of view `number` where no hair can be without being outside the masks of the views `others`."""
+    cone = cones[number]
+    camera = _small_camera(cone.camera, voxels, 2.0)
+    rows, columns = np.nonzero(shrink_mask(cone.mask, camera.size))
+    if len(rows) == 0:
+        return 0.0
+    pixels = np.stack([columns, rows], axis=1) + 0.5
+    limit = np.full(len(pixels), np.inf)
+    wanted = np.full(len(pixels), _depths(camera, voxels).mean())
+    slack = 0.5 * 2.0 * voxels.cell  # half of a pixel here
+    _, found = _nearest_allowed(pixels, wanted, limit, camera, voxels, [cones[i] for i in others], -slack)
+    return float(1.0 - found.mean())
+
+
+def _small_camera(camera: Camera, voxels: Voxels, pixel: float) -> Camera:
+    """The camera with pixels of so many voxels at the middle of the cube."""
+    scale = float(np.sqrt(abs(np.linalg.det(camera.intrinsics[:2, :2]))))
+    if not camera.orthographic:
+        scale /= max(float(_depths(camera, voxels).mean()), 1e-6)
+    return resized(camera, min(1.0, 1.0 / (scale * pixel * voxels.cell)))
+
+
+def _depths(camera: Camera, voxels: Voxels) -> Float64:
+    corners = np.stack(np.meshgrid(*[[0.0, voxels.count - 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    depths = project(camera, voxels.points(corners))[:, 2]
+    near, far = depths.min(), depths.max()
+    return np.linspace(near, far, max(int(np.ceil(2.0 * (far - near) / voxels.cell)), 2))
+
+
+def _find_gaps(mesh: Mesh, voxels: Voxels, cone: Cone, head: Head) -> tuple[Float64, Float64, Float64, Camera] | None:
+    """Pixels (n, 2) of the mask without hair, (n,) the depths wanted there and (n,) those of the head, and the camera."""
+    camera = _small_camera(cone.camera, voxels, _PIXEL)
+    head_depth = raster_mesh(camera, head.vertices, head.triangles).depth
+    covered, depth = seen_hair(camera, mesh, head_depth)
+    mask = shrink_mask(cone.mask, camera.size)
+    missing = mask & ~covered
+    if not missing.any() or not covered.any():
+        return None
+    rows, columns = np.nonzero(missing)
+    nearest = distance_transform_edt(~covered, return_distances=False, return_indices=True)
+    wanted = depth[nearest[0][missing], nearest[1][missing]].astype(np.float64)
+    pixels = np.stack([columns, rows], axis=1) + 0.5
+    return pixels, wanted, head_depth[missing].astype(np.float64), camera
+
+
+def _nearest_allowed(
+    pixels: Float64,
+    wanted: Float64,
+    limit: Float64,
+    camera: Camera,
+    voxels: Voxels,
+    cones: Sequence[Cone],
+    least: float = 0.0,
+) -> tuple[Float64, Bools]:
+    """(n, 3) the point on each pixel's ray nearest to the depth wanted that all cones allow, and (n,) if there is one."""
+    depths = _depths(camera, voxels)
+    along = np.repeat(pixels, len(depths), axis=0)
+    points = unproject(camera, along, np.tile(depths, len(pixels)))
+    inside = allowed_distance(points, cones).reshape(len(pixels), -1) > least
+    inside &= depths < limit[:, None]
+    cost = np.where(inside, np.abs(depths - wanted[:, None]), np.inf)
+    best = cost.argmin(axis=1)
+    chosen = points.reshape(len(pixels), -1, 3)[np.arange(len(pixels)), best]
+    return chosen, np.isfinite(cost[np.arange(len(pixels)), best])
