@@ -28,6 +28,6 @@ def mark_strands(seen: Float64, head_depth: Float32, tolerance: float, mask: UIn
             for sample in range(count):
                 share = sample / count
                 column, row = int(np.floor(x + share * step_x)), int(np.floor(y + share * step_y))
-                if 0 <= column < width and 0 <= row < height:
-                    if z + share * step_z <= head_depth[row, column] + tolerance:
-                        mask[row, column] = 1
+                inside = 0 <= column < width and 0 <= row < height
+                if inside and z + share * step_z <= head_depth[row, column] + tolerance:
+                    mask[row, column] = 1

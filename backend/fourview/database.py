@@ -18,13 +18,12 @@ import numpy as np
 
 from ..errors import require
 from ..geometry.camera import project, resized, towards, view_direction
-from ..geometry.head import HeadSurface
 from ..geometry.scalp_space import ScalpSpace
 from ..geometry.strands import from_dense
 from ..types import Bools, Camera, Float32, Float64, Floats, Head, Int64, StrandSet
 from .database_files import Hairstyle, read_hairstyles
 from .database_fit import HeadFrame, fit_to_head, frame_of_head
-from .database_masks import CELL, COLUMNS, ROWS, grid_camera, occluder_depth, render_mask, view_grid
+from .database_masks import CELL, CLOSING, COLUMNS, ROWS, grid_camera, occluder_depth, render_mask, view_grid
 from .views import MAX_VIEWS, View
 
 DATABASE_PATH = Path(__file__).parent.parent / "data" / "hairstyles.npz"
@@ -36,12 +35,12 @@ class SearchParams:
 
     n_refined: int = 16  # hairstyles that are rendered with the views' own cameras
     width_px: int = 200  # of the larger side of a picture when comparing; pictures are made so small
-    closing: float = 0.25  # head radii; gaps between strands up to this wide count as hair
+    closing: float = CLOSING  # head radii; how far hair is smeared before dense places count as hair (`marked_region`)
 
     def __post_init__(self) -> None:
         require(1 <= self.n_refined <= 10_000, f"n_refined is {self.n_refined}; it must be in 1..10000")
         require(32 <= self.width_px <= 2000, f"width_px is {self.width_px}; it must be in 32..2000 pixels")
-        require(0 <= self.closing <= 2, f"closing is {self.closing}; it must be in 0..2 head radii")
+        require(0 < self.closing <= 2, f"closing is {self.closing}; it must be above 0, to 2 head radii")
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,8 +248,7 @@ def _refine(
     params: SearchParams,
 ) -> list[Float64]:
     """Per chosen hairstyle (n_views,) the summands of eq. (1), rendered with the cameras of the views."""
-    surface = HeadSurface(head)
-    depths = [occluder_depth(camera, surface) for _, camera in views]
+    depths = [occluder_depth(camera, head) for _, camera in views]
     sizes = [_pixel_size(camera, frame) for _, camera in views]
     scores = []
     for index in chosen:

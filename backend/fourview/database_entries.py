@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import FileError, HairloomError, require
-from ..geometry.head import HeadSurface, default_head, find_scalp, read_head
+from ..geometry.head import default_head, find_scalp, read_head
 from ..geometry.strands import resample, select_strands
 from ..io.files import read_file
 from ..io.strands import read_strands, suffixes
@@ -23,7 +23,7 @@ from ..io.units import Units
 from ..types import Float32, Head, Int64, StrandSet
 from .database_files import Hairstyle, fingerprint, order_of_roots, pack_strands, read_hairstyles, write_hairstyles
 from .database_fit import HeadFrame, frame_of_head, frame_of_roots
-from .database_masks import grid_masks
+from .database_masks import grid_depths, grid_masks
 
 CACHE_SUFFIX = ".hairstyle.npz"
 # Suffixes of strands that a folder is searched for: .obj and .ply are meshes more often than strands.
@@ -48,22 +48,21 @@ class EntryParams:
 
 @dataclass(frozen=True, slots=True)
 class EntryHead:
-    """The head that grooms stand on: fitted space, and the head's surface in it. Built once for many grooms."""
+    """The head that grooms stand on: fitted space, and how deep the head lies in the views of the grid. For many grooms."""
 
     frame: HeadFrame
-    surface: HeadSurface
+    depths: Float32
 
 
 def entry_head(head: Head) -> EntryHead:
     """Of a head with a scalp; InputError without one."""
     frame = frame_of_head(head)
-    fitted = frame.to_fitted(head.vertices)
-    return EntryHead(frame, HeadSurface(replace(head, vertices=fitted)))
+    return EntryHead(frame, grid_depths(replace(head, vertices=frame.to_fitted(head.vertices))))
 
 
 def guessed_head(strands: StrandSet) -> EntryHead:
     """Of hair whose head is not known: a sphere through the roots, and Hairloom's own head for what it hides."""
-    return EntryHead(frame_of_roots(strands.roots), entry_head(default_head()).surface)
+    return EntryHead(frame_of_roots(strands.roots), entry_head(default_head()).depths)
 
 
 def make_hairstyle(
@@ -87,7 +86,7 @@ def make_hairstyle(
     require(strands.n_strands > 0, f"the groom '{name}' has no strands; choose one that has")
     order = order_of_roots(head.frame.to_fitted(strands.roots))
     rendered = select_strands(strands, order[_evenly(len(order), params.n_mask_strands)])
-    masks = grid_masks(head.frame.to_fitted(resample(rendered, params.n_mask_points)), head.surface)
+    masks = grid_masks(head.frame.to_fitted(resample(rendered, params.n_mask_points)), head.depths)
     kept = select_strands(strands, order[_evenly(len(order), params.n_strands)])
     points: Float32 = head.frame.to_fitted(resample(kept, params.n_points))
     return Hairstyle(name, tuple(tags), family, len(points), params.n_points, pack_strands(points), masks)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FileError, InputError, require
+from ..errors import InputError, require
 from ..io.files import atomic_write, damaged, read_file
 from ..io.npz import read_arrays, read_json, write_arrays
 from ..types import Float32, Int32, check_array
@@ -178,8 +178,3 @@ def fingerprint(*contents: bytes) -> str:
     for content in contents:
         digest.update(len(content).to_bytes(8, "little") + content)
     return digest.hexdigest()[:32]
-
-
-__all__ = [
-    "FileError", "Hairstyle", "fingerprint", "order_of_roots", "pack_strands", "read_hairstyles", "unpack_strands", "write_hairstyles",
-]  # fmt: skip

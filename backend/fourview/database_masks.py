@@ -7,12 +7,12 @@ resolution; that is what `score_all` compares an input mask with.
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
-from ..geometry.camera import orthographic_camera, project, rays, view_direction
-from ..geometry.head import HeadSurface
-from ..types import Bools, Camera, Float32, Float64, Floats
+from ..geometry.camera import orthographic_camera, project
+from ..geometry.strand_raster import marked_region
+from ..geometry.view_raster import raster_mesh
+from ..types import Bools, Camera, Float32, Float64, Floats, Head
 from ._database_kernels import mark_strands
 from .views import UInt8
 
@@ -21,7 +21,7 @@ CELL = 0.1
 COLUMNS, ROWS = 56, 96
 _ABOVE = 2.8  # of the window over the middle of the head, as seen from the side; from above it is centred
 _FINER = 2  # rendered so many times finer than kept
-_CLOSING = 0.25  # head radii: gaps between strands up to this wide are no gaps
+CLOSING = 0.06  # head radii: sigma of the density of strands, which makes an area hair (`marked_region`)
 # Cameras of the grid: their number around the head at each height, degrees over the horizon. The classes of view that
 # the paper knows are among them.
 _RINGS = ((0.0, 16), (30.0, 8), (-25.0, 8), (60.0, 6))
@@ -51,16 +51,9 @@ def grid_camera(direction: Float64, finer: int = 1) -> Camera:
     return orthographic_camera(direction, centre, finer / CELL, (COLUMNS * finer, ROWS * finer), up)
 
 
-def occluder_depth(camera: Camera, surface: HeadSurface | None) -> Float32:
-    """(H, W) float32, metres: how deep the head lies at each pixel's middle; inf beside it or without a head."""
-    width, height = camera.size
-    if surface is None:
-        return np.full((height, width), np.inf, np.float32)
-    columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    origins, directions = rays(camera, np.stack([columns.ravel(), rows.ravel()], axis=1))
-    distance, _ = surface.first_hits(origins, directions)
-    depth = distance * (directions @ view_direction(camera))
-    return np.asarray(depth.reshape(height, width), np.float32)
+def occluder_depth(camera: Camera, occluder: Head) -> Float32:
+    """(H, W) float32, metres: how deep the head lies at each pixel's middle; inf beside it."""
+    return raster_mesh(camera, occluder.vertices, occluder.triangles).depth
 
 
 def render_mask(camera: Camera, points: Floats, head_depth: Float32, closing_px: float, tolerance: float) -> Bools:
@@ -69,33 +62,28 @@ def render_mask(camera: Camera, points: Floats, head_depth: Float32, closing_px:
     Parameters
     ----------
     points : (S, N, 3), strands in the camera's world. head_depth : of `occluder_depth`.
-    closing_px : gaps up to this wide are closed. tolerance : metres that hair may lie behind the skin.
+    closing_px : see `strand_raster.marked_region`. tolerance : metres that hair may lie behind the skin.
     """
     width, height = camera.size
     mask = np.zeros((height, width), np.uint8)
     mark_strands(project(camera, points), head_depth, tolerance, mask)
-    return close_gaps(mask, closing_px)
+    return marked_region(mask > 0, close_px=closing_px)
 
 
-def close_gaps(mask: UInt8, closing_px: float) -> Bools:
-    """Gaps up to `closing_px` wide closed, as a person does who marks hair; a frame keeps the picture's edge out of it."""
-    reach = max(int(round(0.5 * closing_px)), 1)
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-    framed = cv2.copyMakeBorder(mask, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
-    closed = cv2.morphologyEx(framed, cv2.MORPH_CLOSE, kernel)
-    return np.asarray(closed[reach:-reach, reach:-reach] > 0)
+def grid_depths(occluder: Head) -> Float32:
+    """(D, H, W) float32, head radii: `occluder_depth` of a head in fitted space for each direction of the grid."""
+    return np.stack([occluder_depth(grid_camera(direction, _FINER), occluder) for direction in view_grid()])
 
 
-def grid_masks(points: Float32, surface: HeadSurface | None) -> UInt8:
+def grid_masks(points: Float32, depths: Float32) -> UInt8:
     """(D, ROWS * COLUMNS / 8) uint8: the masks of a hairstyle from all directions of the grid, 8 cells a byte.
 
-    points : (S, N, 3) float32, fitted space. surface : of its head moved into fitted space, or None.
+    points : (S, N, 3) float32, fitted space. depths : `grid_depths` of its head, moved into fitted space.
     """
     packed = []
-    for direction in view_grid():
+    for direction, depth in zip(view_grid(), depths):
         camera = grid_camera(direction, _FINER)
-        depth = occluder_depth(camera, surface)
-        mask = render_mask(camera, points, depth, _CLOSING / CELL * _FINER, 0.03)
+        mask = render_mask(camera, points, depth, CLOSING / CELL * _FINER, 0.03)
         share = mask.reshape(ROWS, _FINER, COLUMNS, _FINER).mean(axis=(1, 3))
         packed.append(np.packbits(share.ravel() >= 0.5))
     return np.stack(packed)
