@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from .cli_fourview import add_commands as add_photo_commands
 from .cli_rods import add_commands as add_rod_commands
 from .editing.binding import wisp_labels
 from .editing.comb import comb
@@ -361,6 +362,7 @@ def build_parser() -> argparse.ArgumentParser:
     detail.add_argument("--strands", type=int, default=SMALL, help="strands a level; 0 keeps all")
     detail.add_argument("--name", help="name of the detail (default: that of the file)")
     add_rod_commands(command, hair)
+    add_photo_commands(command)
     bench = command("bench", _bench, "Measure the jobs beside their peers.")
     bench.add_argument("job", nargs="?", help="one job only")
     bench.add_argument("--quick", action="store_true", help="small sizes only, no peers")

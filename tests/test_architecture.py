@@ -27,7 +27,7 @@ BACKEND_LEVELS = (
     {"fields"},
     {"synthesis", "editing", "rods", "fourview", "imagebased", "capture"},
     {"registry", "jobs", "warm_up"},
-    {"cli", "cli_rods", "worker", "bench", "__main__"},
+    {"cli", "cli_rods", "cli_fourview", "cli_database", "worker", "bench", "__main__"},
 )
 FEATURES = BACKEND_LEVELS[4]
 # ui -> ops -> everything else of the add-on (props, jobs, bridge, ...) -> backend
