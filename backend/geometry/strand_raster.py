@@ -16,6 +16,7 @@ from .view_raster import raster_mesh
 SMALLEST_SHARE = 2e-4  # holes and specks below this share of the picture are not worth a person's stroke
 DENSE = 0.45  # covered share that counts as hair; a border of dense hair stays where it is at 0.5
 CLOSE_PX = 3.0
+PARTING = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,18 +82,44 @@ def hair_mask(
     """(H, W) bool: what a person would mark as hair in a photo of the strands.
 
     That is where strands are dense: gaps of about `close_px` between them are closed, single strands that fly away are
-    left out, and so are small holes and specks. The occluder (the head) hides what lies behind it.
+    left out, and so are small holes and specks. The occluder (the head) hides what lies behind it; where its scalp
+    shows near hair (a parting), a person marks that too.
     """
-    return marked_region(raster_strands(camera, strands, occluder).mask, close_px=close_px)
+    drawn = raster_strands(camera, strands, occluder).mask
+    scalp = scalp_pixels(camera, occluder) if isinstance(occluder, Head) else None
+    return marked_region(drawn.astype(np.float32), scalp, close_px=close_px)
 
 
-def marked_region(drawn: Bools, *, close_px: float = CLOSE_PX) -> Bools:
-    """(H, W) bool: the region that a person would mark for the pixels `drawn` (H, W); see `hair_mask`."""
+def marked_region(coverage: Float32, scalp: Bools | None = None, *, close_px: float = CLOSE_PX) -> Bools:
+    """(H, W) bool: the region that a person would mark, see `hair_mask`.
+
+    coverage : (H, W) float32 in [0, 1], the share of each pixel that hair covers.
+    scalp : (H, W) bool, where the scalp would show without hair; it counts as hair up to `PARTING` `close_px` from it.
+    """
     require(close_px > 0, f"gaps of {close_px} pixels cannot be closed; take a number above 0")
-    density = cv2.GaussianBlur(drawn.astype(np.float32), (0, 0), close_px, borderType=cv2.BORDER_REPLICATE)
-    smallest = SMALLEST_SHARE * drawn.size
-    filled = ~_without_small(density < DENSE, smallest)
+    density = cv2.GaussianBlur(coverage, (0, 0), close_px, borderType=cv2.BORDER_REPLICATE)
+    region = density >= DENSE
+    if scalp is not None:
+        reach = PARTING * close_px
+        region |= scalp & _closed(region, reach)
+    smallest = SMALLEST_SHARE * coverage.size
+    filled = ~_without_small(~region, smallest)
     return _without_small(filled, smallest)
+
+
+def scalp_pixels(camera: Camera, head: Head) -> Bools:
+    """(H, W) bool: where the bald head would show its scalp."""
+    seen = raster_mesh(camera, head.vertices, head.triangles).triangle
+    return np.asarray((seen >= 0) & head.scalp[seen])
+
+
+def _closed(region: Bools, radius: float) -> Bools:
+    """The region and the pixels that no disc of `radius` beside it reaches."""
+    rim = int(np.ceil(radius)) + 1  # nothing beyond the picture is hair
+    padded = np.pad(region, rim)
+    grown = cv2.distanceTransform((~padded).astype(np.uint8), cv2.DIST_L2, 5) <= radius
+    within = cv2.distanceTransform(grown.astype(np.uint8), cv2.DIST_L2, 5) > radius
+    return np.asarray(within[rim:-rim, rim:-rim])
 
 
 def without_sense(signed_angle: Float32) -> Float32:

@@ -1,0 +1,171 @@
+"""Model hair from rendered photos and judge it: `python tests/renders/evaluate.py RENDERS OUT [GROOM ...]`.
+
+RENDERS is what render_views.py wrote. For each groom the method gets photos, masks, cameras and the head's mesh, and no
+more: the scalp is guessed where the groom is not on our own head, and hairstyles of the database of the groom's own
+family are left out. OUT/GROOM gets result.npz (strands), texture.png, numbers.json and compare.png (photos above, the
+result in its colours and by its directions below).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from hairloom.fourview.database import HairDatabase, open_database
+from hairloom.fourview.pipeline import (
+    FourViewParams,
+    FourViewResult,
+    hair_directions,
+    hair_strands,
+    hair_texture,
+    rough_shape,
+)
+from hairloom.fourview.quality import mask_iou, orientation_error, quality_report
+from hairloom.fourview.views import View
+from hairloom.geometry.scalp_guess import guess_scalp
+from hairloom.geometry.strand_raster import hair_mask, raster_strands
+from hairloom.geometry.strand_scores import strand_scores
+from hairloom.io.bundle import read_bundle
+from hairloom.io.images import read_image, read_mask, write_image
+from hairloom.io.strands import write_strands
+from hairloom.types import Camera, Head, StrandSet
+
+VIEWS = ("front", "back", "left", "right")
+THRESHOLDS = ((0.002, 20.0), (0.003, 30.0), (0.004, 40.0))
+_REAL = ("sintel", "ponytail")
+
+
+def load_views(folders: Mapping[str, Path], cameras: Mapping[str, Camera]) -> list[View]:
+    """The views by name, each from its folder."""
+    return [
+        View(name, read_image(folder / f"{name}.png"), read_mask(folder / f"{name}_mask.png"), cameras[name])
+        for name, folder in folders.items()
+    ]
+
+
+def load_head(folder: Path) -> tuple[Head, dict[str, Camera]]:
+    """The head as an artist would have it, and the cameras."""
+    seen = read_bundle(folder / "cameras.npz")
+    head: Head = seen["head"]
+    if folder.name in _REAL:
+        head = guess_scalp(replace(head, scalp=np.zeros_like(head.scalp)))
+    return head, seen["cameras"]
+
+
+def model(
+    views: Sequence[View], head: Head, database: HairDatabase, exclude: Sequence[str], params: FourViewParams
+) -> tuple[FourViewResult, dict[str, float]]:
+    """The stages one after another, with the seconds of each."""
+    seconds: dict[str, float] = {}
+    since = [time.perf_counter()]
+
+    def done(stage: str) -> None:
+        now = time.perf_counter()
+        seconds[stage] = round(now - since[0], 2)
+        since[0] = now
+
+    shape = rough_shape(views, head, database, params, exclude=exclude)
+    done("shape")
+    surface, texture = hair_texture(shape, views, params)
+    done("texture")
+    directions = hair_directions(shape, surface, texture, views, head, (), params)
+    done("directions")
+    strands = hair_strands(shape, directions, views, head, params)
+    done("strands")
+    report = quality_report(strands, views, head)
+    done("report")
+    report |= {"style": shape.style, "shape_iou": shape.mask_iou.tolist(), "remarks": list(shape.remarks)}
+    return FourViewResult(shape, surface, texture, directions, strands, report), seconds
+
+
+def judge(strands: StrandSet, truth: StrandSet, views: Sequence[View], truth_head: Head) -> dict[str, Any]:
+    """Mask IoU and orientation error in each view, and strand scores, all against the truth."""
+    numbers: dict[str, Any] = {"iou": {}, "orientation_median_deg": {}, "orientation_mean_deg": {}}
+    for view in views:
+        mine, true = (raster_strands(view.camera, hair, truth_head) for hair in (strands, truth))
+        numbers["iou"][view.name] = round(mask_iou(hair_mask(view.camera, strands, truth_head), view.mask), 4)
+        median, mean = orientation_error(mine.angle, true.angle, (mine.strand >= 0) & (true.strand >= 0))
+        numbers["orientation_median_deg"][view.name] = round(float(median), 2)
+        numbers["orientation_mean_deg"][view.name] = round(float(mean), 2)
+    scores = strand_scores(strands, truth, thresholds=THRESHOLDS)
+    numbers["scores"] = [[round(float(value), 4) for value in as_tuple(score)] for score in scores]
+    return numbers
+
+
+def as_tuple(score: Any) -> tuple[float, float, float]:
+    """Precision, recall and F of a score, whatever it comes as."""
+    if hasattr(score, "precision"):
+        return score.precision, score.recall, score.f_score
+    return tuple(score)[-3:]
+
+
+def picture(strands: StrandSet, views: Sequence[View], head: Head, shade: bool = True) -> np.ndarray:
+    """The photos above, drawn strands below: coloured by their own colours, or by direction in the picture."""
+    rows = []
+    for view in views:
+        drawn = raster_strands(view.camera, strands, head)
+        canvas = np.full((*view.mask.shape, 3), 235, np.uint8)
+        hair = drawn.strand >= 0
+        colours = np.asarray(strands.strand_attributes.get("color", np.full((strands.n_strands, 4), 0.3)))[:, :3]
+        shown = np.clip(colours, 0, 1) ** (1 / 2.2) if shade else np.clip(colours, 0, 1)
+        rng = np.random.default_rng(0)
+        vary = rng.uniform(0.75, 1.2, strands.n_strands)[:, None]
+        canvas[hair] = (np.clip(shown * vary, 0, 1) * 255).astype(np.uint8)[drawn.strand[hair]]
+        hue = np.zeros((*view.mask.shape, 3), np.uint8)
+        hue[hair] = np.stack([drawn.angle[hair] / np.pi * 179, np.full(hair.sum(), 255), np.full(hair.sum(), 255)], 1)
+        rows.append(np.vstack([view.image, canvas, cv2.cvtColor(hue, cv2.COLOR_HSV2RGB)]))
+    return np.hstack(rows)
+
+
+def evaluate(
+    folder: Path, out: Path, database: HairDatabase, params: FourViewParams, names: Sequence[str] = VIEWS
+) -> dict[str, Any]:
+    """Model one groom and write what came out."""
+    head, cameras = load_head(folder)
+    views = load_views(dict.fromkeys(names, folder), cameras)
+    result, seconds = model(views, head, database, database.named(folder.name), params)
+    truth = read_bundle(folder / "truth.npz")
+    every = load_views(dict.fromkeys(VIEWS, folder), cameras)
+    numbers = judge(result.strands, truth["strands"], every, truth["head"])
+    numbers |= {"seconds": seconds, "total_seconds": round(sum(seconds.values()), 1), "report": result.report}
+    numbers["peak_mb"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    out.mkdir(parents=True, exist_ok=True)
+    write_strands(out / "result.npz", result.strands)
+    write_image(out / "texture.png", result.texture.image())
+    write_image(out / "compare.png", cv2.resize(picture(result.strands, every, head), None, fx=0.5, fy=0.5,
+                                                interpolation=cv2.INTER_AREA))  # fmt: skip
+    (out / "numbers.json").write_text(json.dumps(numbers, indent=1))
+    return numbers
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("renders", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("grooms", nargs="*")
+    parser.add_argument("--views", nargs="+", default=VIEWS, choices=VIEWS, help="photos that the method gets")
+    parser.add_argument("--texture-size", type=int, default=2048)
+    parser.add_argument("--database", type=Path, help="another database")
+    options = parser.parse_args(arguments)
+    params = FourViewParams()
+    params = replace(params, surface=replace(params.surface, texture_size=options.texture_size))
+    database = open_database(options.database)
+    grooms = options.grooms or sorted(path.name for path in options.renders.iterdir() if path.is_dir())
+    for groom in grooms:
+        numbers = evaluate(options.renders / groom, options.out / groom, database, params, options.views)
+        shown = {name: numbers[name] for name in ("iou", "orientation_median_deg", "scores", "seconds", "peak_mb")}
+        print(f"{groom}: {json.dumps(shown)}", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
