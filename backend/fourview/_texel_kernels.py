@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import prange
+from numpy.typing import NDArray
 
 from ..kernels import device, kernel, parallel_kernel
 from ..types import Bools, Float32, Float64, Int32
@@ -130,3 +131,58 @@ def write_edges(
                 slot -= 1
             edges[slot, 0], edges[slot, 1] = texel, other
             place += 1
+
+
+@kernel
+def accept_links(pairs: Int32, degrees: NDArray[np.int8], most: int, accepted: Bools) -> None:
+    """Take pairs (n, 2) in their order while both ends have fewer than `most` links; adds to `degrees`."""
+    for pair in range(len(pairs)):
+        one, other = pairs[pair, 0], pairs[pair, 1]
+        accepted[pair] = degrees[one] < most and degrees[other] < most
+        if accepted[pair]:
+            degrees[one] += 1
+            degrees[other] += 1
+
+
+@parallel_kernel
+def resample_values(
+    grid: Int32,
+    source_points: Float32,
+    values: Float32,
+    texels: Int32,
+    size: int,
+    points: Float32,
+    reach: float,
+    result: Float32,
+    missed: Bools,
+) -> None:
+    """Bilinear values (T', c) at `texels` of a texture of `size`, from the four source texels around within `reach`."""
+    source_size, n_channels = len(grid), values.shape[1]
+    ratio = source_size / size
+    for texel in prange(len(texels)):
+        x = (texels[texel] % size + 0.5) * ratio - 0.5
+        y = (texels[texel] // size + 0.5) * ratio - 0.5
+        column, row = int(np.floor(x)), int(np.floor(y))
+        total = np.float32(0)
+        for channel in range(n_channels):
+            result[texel, channel] = 0.0
+        for down in range(2):
+            for right in range(2):
+                r, c = row + down, column + right
+                if r < 0 or c < 0 or r >= source_size or c >= source_size or grid[r, c] < 0:
+                    continue
+                other = grid[r, c]
+                square = np.float32(0)
+                for axis in range(3):
+                    step = points[texel, axis] - source_points[other, axis]
+                    square += step * step
+                if square > reach * reach:
+                    continue
+                weight = np.float32((1.0 - abs(x - c)) * (1.0 - abs(y - r)))
+                total += weight
+                for channel in range(n_channels):
+                    result[texel, channel] += weight * values[other, channel]
+        missed[texel] = total < 1e-3
+        if not missed[texel]:
+            for channel in range(n_channels):
+                result[texel, channel] /= total

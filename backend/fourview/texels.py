@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ..errors import require
 from ..types import Bools, Float32, Int32, Mesh, check_array
-from ._texel_kernels import chart_links, draw_triangles, place_texels, write_edges
+from ._texel_kernels import accept_links, chart_links, draw_triangles, place_texels, resample_values, write_edges
 
 LONGEST_STEP = 4.0  # texel spacings between neighbours of one chart: farther apart, two parts of a chart touch
 SEAM_REACH = 2.0  # texel spacings over which texels of two sides of a seam are linked
-SEAM_LINKS = 2  # across a seam, from each of its texels
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class TexelMap:
     spacing : metres between neighbouring texels (median of the edges inside charts).
     edges : (E, 2) int32, pairs of texels (places in `texels`) that are neighbours on the surface, each once with the
         smaller first, sorted by the first, then the second: the right and the lower neighbour in the same chart, and
-        across chart seams the nearest texels of the other side.
+        across chart seams the nearest texels of the other side; no texel has more than four.
     """
 
     size: int
@@ -65,8 +65,8 @@ def make_texel_map(mesh: Mesh, normals: Float32, corner_uv: Float32, charts: Int
 
     Parameters
     ----------
-    mesh, normals (V, 3), corner_uv (F, 3, 2) : as in `surface.HairSurface`. charts : (F,) int32, chart of each triangle.
-    size : texels along a side.
+    mesh, normals (V, 3), corner_uv (F, 3, 2) : as in `surface.HairSurface`. charts : (F,) int32, chart of each
+        triangle. size : texels along a side.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def _seam_links(
     down: Bools,
     spacing: float,
 ) -> Int32:
-    """(n, 2) int32 pairs across seams, the smaller first, sorted: from each texel at a chart's border the nearest ones.
+    """(n, 2) int32 pairs across seams, the smaller first, sorted: the nearest ones, none with more than four links.
 
     The two sides of a seam may belong to one chart; what lies near in the texture too is no other side.
     """
@@ -147,13 +147,15 @@ def _seam_links(
     apart = np.maximum(np.abs(rows[one] - rows[other]), np.abs(columns[one] - columns[other])) > 2 * SEAM_REACH + 1
     across = (charts[one] != charts[other]) | apart
     across &= np.einsum("nc,nc->n", normals[one], normals[other]) > 0
-    one, other = one[across], other[across]
-    # candidates come nearest first for each texel: keep the first few
-    starts = np.flatnonzero(np.diff(one, prepend=-1))
-    rank = np.arange(len(one)) - np.repeat(starts, np.diff(np.append(starts, len(one))))
-    one, other = one[rank < SEAM_LINKS], other[rank < SEAM_LINKS]
-    pairs = np.stack([np.minimum(one, other), np.maximum(one, other)], axis=1)
-    return np.unique(pairs, axis=0).astype(np.int32)
+    pairs = np.stack([np.minimum(one, other), np.maximum(one, other)], axis=1)[across].astype(np.int32)
+    order = np.lexsort((pairs[:, 1], pairs[:, 0], distance.ravel()[near][across]))
+    pairs = pairs[order]
+    # each pair comes once from either end, one after the other
+    pairs = pairs[(np.diff(pairs, axis=0, prepend=-1) != 0).any(axis=1)]
+    accepted = np.empty(len(pairs), np.bool_)
+    accept_links(pairs, degree, 4, accepted)
+    pairs = pairs[accepted]
+    return np.ascontiguousarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
 
 
 def texel_areas(texels: TexelMap, mesh: Mesh, corner_uv: Float32) -> Float32:
@@ -164,3 +166,32 @@ def texel_areas(texels: TexelMap, mesh: Mesh, corner_uv: Float32) -> Float32:
     flat = np.abs(u[:, 0].astype(np.float64) * v[:, 1] - u[:, 1].astype(np.float64) * v[:, 0])
     scale = np.linalg.norm(cross, axis=1) / np.maximum(flat, 1e-30) / texels.size**2
     return np.asarray(scale[texels.triangle], np.float32)
+
+
+def transfer_values(values: Float32, source: TexelMap, target: TexelMap) -> Float32:
+    """(T', c) float32: values (T, c) of one scale of an atlas on the texels of another, bilinear within charts.
+
+    Texels with no source texel of their chart around them take the nearest in space.
+    """
+    check_array("values", values, np.float32, (source.n_texels, None))
+    result = np.empty((target.n_texels, values.shape[1]), np.float32)
+    missed = np.empty(target.n_texels, np.bool_)
+    reach = LONGEST_STEP * max(source.spacing, target.spacing)
+    resample_values(
+        source.grid(), source.points, values, target.texels, target.size, target.points, reach, result, missed
+    )
+    if missed.any():
+        _, nearest = cKDTree(source.points).query(target.points[missed], workers=1)
+        result[missed] = values[nearest]
+    return result
+
+
+def to_image(values: Float32, texels: TexelMap) -> Float32:
+    """(size, size, c) float32: the texture of values (T, c); outside the charts that of the nearest texel."""
+    check_array("values", values, np.float32, (texels.n_texels, None))
+    grid = texels.grid()
+    outside = (grid < 0).astype(np.uint8)
+    _, labels = cv2.distanceTransformWithLabels(outside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    texel_of_label = np.zeros(int(labels.max()) + 1, np.int64)
+    texel_of_label[labels[grid >= 0]] = grid[grid >= 0]
+    return np.asarray(values[texel_of_label[labels]], np.float32)
