@@ -29,7 +29,7 @@ def _dot(a: Any, b: Any) -> Any:
 
 @parallel_kernel
 def set_finest(kinds: Any, weights: Any, diagonal: Any, inverse: Any, fixed_terms: Any) -> None:
-    """The 7-point Laplacian from kinds (X + 2, ...) uint8, the border OUTSIDE, and weights of the same shape (or empty).
+    """The 7-point Laplacian from kinds (X + 2, ...) uint8, the border OUTSIDE, and weights (X, Y, Z), or empty.
 
     diagonal : neighbours that are not OUTSIDE, plus the weight. fixed_terms : FIXED neighbours plus the weight.
     """
