@@ -8,9 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from ..errors import require
-from ..types import Bools, Float64, Floats, check_array
+from ..types import Bools, Float32, Float64, Floats, check_array
 
 UInt8 = NDArray[np.uint8]
 
@@ -18,6 +19,7 @@ LARGEST = 640  # pixels along the longer side on which the graph is cut; the bor
 _SEED = 5  # of OpenCV's k-means, which starts the colour models
 _SMALLEST_PART = 0.002  # of the picture; smaller islands and holes of a mask are specks
 _ITERATIONS = 5
+_MOST_COLOURS = 2000  # of a kind of scribble that are compared with
 
 
 def segment(
@@ -51,7 +53,8 @@ def segment(
     scale = min(1.0, LARGEST / max(size))
     small = (max(1, round(size[1] * scale)), max(1, round(size[0] * scale)))
     reduced = cv2.resize(image, small, interpolation=cv2.INTER_AREA)
-    labels = _labels(_shrink(foreground, small), _shrink(background, small), _shrink(start, small), guess is None)
+    drawn = _shrink(foreground, small), _shrink(background, small)
+    labels = _labels(reduced, *drawn, _shrink(start, small), guess is None)
     coarse = _cut(reduced, labels, iterations)
     if scale == 1.0:
         return _tidy(coarse, foreground, background)
@@ -78,7 +81,7 @@ def first_guess(image: UInt8) -> Bools:
     seeds = hair & (labels == cv2.GC_FGD)
     hair = _touching(hair, seeds) if seeds.any() else hair
     if not hair.any():
-        hair = labels == cv2.GC_FGD
+        hair[: max(1, size[1] // 3), size[0] // 3 : max(1, 2 * size[0] // 3)] = True
     full = cv2.resize(hair.astype(np.uint8), (width, height), interpolation=cv2.INTER_LINEAR) > 0
     return _without_specks(np.asarray(full))
 
@@ -161,14 +164,29 @@ def mask_from_outline(polygons: Sequence[Floats], size: tuple[int, int]) -> Bool
     return canvas.astype(np.bool_)
 
 
-def _labels(foreground: Bools, background: Bools, start: Bools, scribbles_only: bool) -> UInt8:
-    """What GrabCut begins with: sure where there are scribbles, probable by the guess, else around the scribbles."""
+def _labels(image: UInt8, foreground: Bools, background: Bools, start: Bools, scribbles_only: bool) -> UInt8:
+    """What GrabCut begins with: sure where there are scribbles, probable by the guess, else around the scribbles.
+
+    With scribbles of both kinds, pixels whose colour is much nearer to one kind's are probably of that kind, so that a
+    wrong guess does not teach the colour models.
+    """
     if scribbles_only:
         away = cv2.distanceTransform((~start).astype(np.uint8), cv2.DIST_L2, 3)
         start = np.asarray(away < 0.08 * max(start.shape))
     labels = np.where(start, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    if foreground.any() and background.any():
+        lab = cv2.cvtColor(image, cv2.COLOR_RGB2LAB).astype(np.float32)
+        to_hair, to_rest = (_colour_distance(lab, scribbles) for scribbles in (foreground, background))
+        labels[start & (to_rest < 0.5 * to_hair)] = cv2.GC_PR_BGD
     labels[foreground], labels[background] = cv2.GC_FGD, cv2.GC_BGD
     return labels
+
+
+def _colour_distance(lab: Float32, scribbles: Bools) -> Float32:
+    """(H, W): distance of each pixel's colour (H, W, 3) to the nearest one under the scribbles."""
+    under = lab[scribbles]
+    tree = cKDTree(under[:: max(1, len(under) // _MOST_COLOURS)])
+    return np.asarray(tree.query(lab.reshape(-1, 3))[0], np.float32).reshape(lab.shape[:2])
 
 
 def _cut(image: UInt8, labels: UInt8, iterations: int) -> Bools:
