@@ -23,7 +23,7 @@ from ..geometry.strands import from_dense
 from ..types import Bools, Camera, Float32, Float64, Floats, Head, Int64, StrandSet
 from .database_files import Hairstyle, read_hairstyles
 from .database_fit import HeadFrame, fit_to_head, frame_of_head
-from .database_masks import CELL, CLOSING, COLUMNS, ROWS, grid_camera, occluder_depth, render_mask, view_grid
+from .database_masks import CELL, CLOSING, COLUMNS, ROWS, backdrop, grid_camera, render_mask, view_grid
 from .views import MAX_VIEWS, View
 
 DATABASE_PATH = Path(__file__).parent.parent / "data" / "hairstyles.npz"
@@ -248,14 +248,14 @@ def _refine(
     params: SearchParams,
 ) -> list[Float64]:
     """Per chosen hairstyle (n_views,) the summands of eq. (1), rendered with the cameras of the views."""
-    depths = [occluder_depth(camera, head) for _, camera in views]
+    behind = [backdrop(camera, head) for _, camera in views]
     sizes = [_pixel_size(camera, frame) for _, camera in views]
     scores = []
     for index in chosen:
         points: Floats = frame.to_world(database.styles[index].points())
         found = []
-        for (mask, camera), depth, size in zip(views, depths, sizes):
-            rendered = render_mask(camera, points, depth, params.closing / size, 0.03 * frame.radius)
+        for (mask, camera), bald, size in zip(views, behind, sizes):
+            rendered = render_mask(camera, points, bald, params.closing / size, 0.03 * frame.radius)
             found.append(mask_distance(mask, rendered, size))
         scores.append(np.array(found))
     return scores

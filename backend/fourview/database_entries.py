@@ -23,7 +23,7 @@ from ..io.units import Units
 from ..types import Float32, Head, Int64, StrandSet
 from .database_files import Hairstyle, fingerprint, order_of_roots, pack_strands, read_hairstyles, write_hairstyles
 from .database_fit import HeadFrame, frame_of_head, frame_of_roots
-from .database_masks import grid_depths, grid_masks
+from .database_masks import Backdrop, grid_backdrops, grid_masks
 
 CACHE_SUFFIX = ".hairstyle.npz"
 # Suffixes of strands that a folder is searched for: .obj and .ply are meshes more often than strands.
@@ -48,21 +48,21 @@ class EntryParams:
 
 @dataclass(frozen=True, slots=True)
 class EntryHead:
-    """The head that grooms stand on: fitted space, and how deep the head lies in the views of the grid. For many grooms."""
+    """The head that grooms stand on: fitted space, and the head in the views of the grid."""
 
     frame: HeadFrame
-    depths: Float32
+    backdrops: tuple[Backdrop, ...]
 
 
 def entry_head(head: Head) -> EntryHead:
     """Of a head with a scalp; InputError without one."""
     frame = frame_of_head(head)
-    return EntryHead(frame, grid_depths(replace(head, vertices=frame.to_fitted(head.vertices))))
+    return EntryHead(frame, grid_backdrops(replace(head, vertices=frame.to_fitted(head.vertices))))
 
 
 def guessed_head(strands: StrandSet) -> EntryHead:
     """Of hair whose head is not known: a sphere through the roots, and Hairloom's own head for what it hides."""
-    return EntryHead(frame_of_roots(strands.roots), entry_head(default_head()).depths)
+    return EntryHead(frame_of_roots(strands.roots), entry_head(default_head()).backdrops)
 
 
 def make_hairstyle(
@@ -86,7 +86,7 @@ def make_hairstyle(
     require(strands.n_strands > 0, f"the groom '{name}' has no strands; choose one that has")
     order = order_of_roots(head.frame.to_fitted(strands.roots))
     rendered = select_strands(strands, order[_evenly(len(order), params.n_mask_strands)])
-    masks = grid_masks(head.frame.to_fitted(resample(rendered, params.n_mask_points)), head.depths)
+    masks = grid_masks(head.frame.to_fitted(resample(rendered, params.n_mask_points)), head.backdrops)
     kept = select_strands(strands, order[_evenly(len(order), params.n_strands)])
     points: Float32 = head.frame.to_fitted(resample(kept, params.n_points))
     return Hairstyle(name, tuple(tags), family, len(points), params.n_points, pack_strands(points), masks)

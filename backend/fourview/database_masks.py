@@ -7,6 +7,9 @@ resolution; that is what `score_all` compares an input mask with.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..geometry.camera import orthographic_camera, project
@@ -51,39 +54,52 @@ def grid_camera(direction: Float64, finer: int = 1) -> Camera:
     return orthographic_camera(direction, centre, finer / CELL, (COLUMNS * finer, ROWS * finer), up)
 
 
-def occluder_depth(camera: Camera, occluder: Head) -> Float32:
-    """(H, W) float32, metres: how deep the head lies at each pixel's middle; inf beside it."""
-    return raster_mesh(camera, occluder.vertices, occluder.triangles).depth
+@dataclass(frozen=True, slots=True)
+class Backdrop:
+    """The bald head in a view, rendered once for many hairstyles.
+
+    depth : (H, W) float32, metres: how deep it lies at each pixel's middle; inf beside it.
+    scalp : (H, W) bool, where its scalp shows.
+    """
+
+    depth: Float32
+    scalp: Bools
 
 
-def render_mask(camera: Camera, points: Floats, head_depth: Float32, closing_px: float, tolerance: float) -> Bools:
+def backdrop(camera: Camera, head: Head) -> Backdrop:
+    """The head as the camera sees it."""
+    seen = raster_mesh(camera, head.vertices, head.triangles)
+    return Backdrop(seen.depth, np.asarray((seen.triangle >= 0) & head.scalp[seen.triangle]))
+
+
+def render_mask(camera: Camera, points: Floats, behind: Backdrop, closing_px: float, tolerance: float) -> Bools:
     """(H, W) bool: the pixels where hair shows.
 
     Parameters
     ----------
-    points : (S, N, 3), strands in the camera's world. head_depth : of `occluder_depth`.
+    points : (S, N, 3), strands in the camera's world. behind : `backdrop` of the head.
     closing_px : see `strand_raster.marked_region`. tolerance : metres that hair may lie behind the skin.
     """
     width, height = camera.size
     mask = np.zeros((height, width), np.uint8)
-    mark_strands(project(camera, points), head_depth, tolerance, mask)
-    return marked_region(mask > 0, close_px=closing_px)
+    mark_strands(project(camera, points), behind.depth, tolerance, mask)
+    return marked_region(mask.astype(np.float32), behind.scalp, close_px=closing_px)
 
 
-def grid_depths(occluder: Head) -> Float32:
-    """(D, H, W) float32, head radii: `occluder_depth` of a head in fitted space for each direction of the grid."""
-    return np.stack([occluder_depth(grid_camera(direction, _FINER), occluder) for direction in view_grid()])
+def grid_backdrops(head: Head) -> tuple[Backdrop, ...]:
+    """A head in fitted space from each direction of the grid."""
+    return tuple(backdrop(grid_camera(direction, _FINER), head) for direction in view_grid())
 
 
-def grid_masks(points: Float32, depths: Float32) -> UInt8:
+def grid_masks(points: Float32, backdrops: Sequence[Backdrop]) -> UInt8:
     """(D, ROWS * COLUMNS / 8) uint8: the masks of a hairstyle from all directions of the grid, 8 cells a byte.
 
-    points : (S, N, 3) float32, fitted space. depths : `grid_depths` of its head, moved into fitted space.
+    points : (S, N, 3) float32, fitted space. backdrops : `grid_backdrops` of its head, moved into fitted space.
     """
     packed = []
-    for direction, depth in zip(view_grid(), depths):
+    for direction, behind in zip(view_grid(), backdrops):
         camera = grid_camera(direction, _FINER)
-        mask = render_mask(camera, points, depth, CLOSING / CELL * _FINER, 0.03)
+        mask = render_mask(camera, points, behind, CLOSING / CELL * _FINER, 0.03)
         share = mask.reshape(ROWS, _FINER, COLUMNS, _FINER).mean(axis=(1, 3))
         packed.append(np.packbits(share.ravel() >= 0.5))
     return np.stack(packed)
