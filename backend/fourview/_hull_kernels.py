@@ -18,12 +18,13 @@ def cone_distances(
     perspective: bool,
     inside_px: Float32,
     occluder_depth: Float32,
+    skin: float,
     out: Float32,
 ) -> None:
     """Lower out (n,) to the distance, metres, by which places (n, 3), metres, world space, are allowed in one view.
 
     inside_px (H, W): signed distance to the mask's border at the pixels' middles, positive in the mask. A place behind
-    the occluder is allowed too, by how far it is behind. Beyond the picture the picture's border counts.
+    the occluder is allowed too, by how far it is more than `skin` metres behind. Beyond the picture the picture's border counts.
     """
     height, width = inside_px.shape
     scale = math.sqrt(abs(intrinsics[0, 0] * intrinsics[1, 1] - intrinsics[0, 1] * intrinsics[1, 0]))
@@ -41,7 +42,7 @@ def cone_distances(
         value = sample_clamped(inside_px, column, row) * metres_per_px
         r, c = math.floor(row), math.floor(column)
         if 0 <= r < height and 0 <= c < width:
-            behind = depth - occluder_depth[r, c]
+            behind = depth - occluder_depth[r, c] - skin
             value = max(value, behind)
         if value < out[i]:
             out[i] = value

@@ -17,9 +17,10 @@ from ..geometry.camera import project, resized, towards, unproject
 from ..geometry.view_raster import raster_mesh
 from ..progress import NO_PROGRESS, Progress
 from ..types import Bools, Camera, Float64, Floats, Head, Mesh
-from .contours import match_outlines, outline, resample_closed
+from .contours import match_outlines, outline, outward_normals, resample_closed
 from .views import View
 
+_FACING = 0.5  # cosine between the normals of matched points, from which on a match counts
 _LATTICE = 48  # nodes along the longer side of a picture at which a warp is evaluated
 
 
@@ -121,28 +122,47 @@ class Displacement:
 
 
 class _Silhouette:
-    """A view in a small picture: the outline of its hair and head together, and the head's own region."""
+    """A view in a small picture: its mask's outline, and which parts of that border on the head."""
 
     def __init__(self, view: View, head: Head, picture_px: int, count: int) -> None:
         scale = min(1.0, picture_px / max(view.camera.size))
         self.camera = resized(view.camera, scale)
         self.mask = shrink_mask(view.mask, self.camera.size)
-        self.head = np.isfinite(raster_mesh(self.camera, head.vertices, head.triangles).depth)
-        self.diagonal = float(np.hypot(*self.camera.size))
+        self._head_depth = raster_mesh(self.camera, head.vertices, head.triangles).depth
+        self._head = np.isfinite(self._head_depth)
+        self._diagonal = float(np.hypot(*self.camera.size))
         self._count = count
-        self._target = resample_closed(outline(self.mask | self.head), 2 * count)
+        self._target = self._outline(self.mask, 2 * count)
+        self._around = self._outline(self.mask | self._head, 2 * count)
 
     def landmarks(self, mesh: Mesh, points: Float64) -> tuple[Float64, Float64]:
-        """(n, 2) places on the outline of the mesh and the head, and (n, 2) the moves to the mask's outline, pixels."""
-        shape = np.isfinite(raster_mesh(self.camera, points, mesh.triangles).depth)
-        own = outline(shape | self.head)
-        if len(own) < 3 or len(self._target) < 3:
+        """(n, 2) places on the outline of the mesh as seen, and (n, 2) the moves to the mask's outline, pixels.
+
+        Where the hair borders on the head in one of the two outlines and on the background in the other, or they face
+        different ways, a pair says nothing. When most do, as for a ring of hair against an open one, the outlines of
+        hair and head together are taken.
+        """
+        depth = raster_mesh(self.camera, points, mesh.triangles).depth
+        seen = depth < self._head_depth
+        own = self._outline(seen, self._count)
+        if len(own) and len(self._target):
+            target = match_outlines(own, self._target, self._diagonal)
+            facing, wanted = outward_normals(own), outward_normals(target)
+            sound = (facing * wanted).sum(axis=1) > _FACING
+            sound &= _at(self._head, own + 2.0 * facing) == _at(self._head, target + 2.0 * wanted)
+            if sound.mean() > 0.5:
+                return own[sound], (target - own)[sound]
+        own = self._outline(np.isfinite(depth) | self._head, self._count)
+        if not (len(own) and len(self._around)):
             return np.empty((0, 2)), np.empty((0, 2))
-        source = resample_closed(own, self._count)
-        target = match_outlines(source, self._target, self.diagonal)
+        target = match_outlines(own, self._around, self._diagonal)
         # where both outlines are the head's there is no hair, and nothing to move
-        matters = _at(shape, source) | _near(self.mask, target)
-        return source[matters], (target - source)[matters]
+        matters = _near(seen, own) | _near(self.mask, target)
+        return own[matters], (target - own)[matters]
+
+    def _outline(self, region: Bools, count: int) -> Float64:
+        curve = outline(region)
+        return resample_closed(curve, count) if len(curve) >= 8 else np.empty((0, 2))
 
 
 def shrink_mask(mask: Bools, size: tuple[int, int]) -> Bools:
@@ -167,8 +187,7 @@ def deform_to_masks(
         sum_j [ sum_i |P_di (p'_j - W_i(p_j))|^2 + lambda |L p'_j - delta_j L p'_j / |L p'_j||^2 ]
 
     with L the cotangent Laplacian of the mesh given (not divided by areas, so that both terms are metres squared) and
-    delta_j = |L p_j| there. The direction of L p' is frozen from the last iterate. Only the hair's border with the
-    background is matched; its border with the face is for clipping (Z-7).
+    delta_j = |L p_j| there. The direction of L p' is frozen from the last iterate.
 
     Parameters
     ----------

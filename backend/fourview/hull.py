@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import binary_dilation, distance_transform_edt
+from scipy.spatial import cKDTree
 
 from ..geometry.camera import project, resized, unproject
 from ..geometry.view_raster import raster_mesh
@@ -18,6 +19,9 @@ from .solid import Voxels, point_voxels, surface
 from .views import View
 
 _GROWN = 2.0  # voxels, half the thickness of what is grown
+_BOX_SAMPLES = 40  # along each side of a box whose allowed part is wanted
+_DEPTH_BLUR = 3.0  # pixels, of the depths that are wanted in a gap
+_RIM = 4.0  # voxels, see fill_rims
 _PIXEL = 0.7  # voxels, a pixel's edge in the pictures in which growing looks for gaps
 
 
@@ -53,8 +57,12 @@ def inside_distance(mask: Bools) -> Float32:
     return np.asarray(np.where(mask, np.minimum(inside, 1e6) - 0.5, 0.5 - np.minimum(outside, 1e6)), np.float32)
 
 
-def allowed_distance(points: Floats, cones: Sequence[Cone]) -> Float32:
-    """(n,) float32, metres: how far inside all cones points (n, 3), metres, world space, lie; negative outside of one."""
+def allowed_distance(points: Floats, cones: Sequence[Cone], skin: float = 0.0) -> Float32:
+    """(n,) float32, metres: how far inside all cones points (n, 3), metres, lie; negative outside of one.
+
+    skin : metres, how deep behind the head's surface hair may begin where a mask shows the head: a voxel, so that the
+        surface between voxels does not come out of the head.
+    """
     places = np.ascontiguousarray(points, np.float64)
     distance = np.full(len(places), 10.0, np.float32)
     for cone in cones:
@@ -66,9 +74,30 @@ def allowed_distance(points: Floats, cones: Sequence[Cone]) -> Float32:
             not camera.orthographic,
             cone.inside_px,
             cone.head_depth,
+            skin,
             distance,
         )
     return distance
+
+
+def hull_box(cones: Sequence[Cone], low: Float64, high: Float64) -> tuple[Float64, Float64]:
+    """The box, low and high (3,) metres, of what the masks allow of the box given and of their own extents.
+
+    Where no view tells, as along the only view's direction, the box given counts.
+    """
+    for cone in cones:
+        rows, columns = np.nonzero(cone.mask)
+        corners = np.array([(x, y) for x in (columns.min(), columns.max() + 1) for y in (rows.min(), rows.max() + 1)])
+        depth = project(cone.camera, 0.5 * (low + high))[2]
+        points = unproject(cone.camera, corners, np.full(4, depth))
+        low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+    axes = [np.linspace(low[axis], high[axis], _BOX_SAMPLES) for axis in range(3)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    step = (high - low) / (_BOX_SAMPLES - 1)
+    allowed = points[allowed_distance(points, cones) > -step.max()]
+    if len(allowed) == 0:
+        return low, high
+    return np.maximum(low, allowed.min(axis=0) - step), np.minimum(high, allowed.max(axis=0) + step)
 
 
 def voxel_points(voxels: Voxels) -> Float64:
@@ -84,7 +113,7 @@ def seen_hair(camera: Camera, mesh: Mesh, head_depth: Float32) -> tuple[Bools, F
 
 
 def grow(field: Float32, allowed: Float32, voxels: Voxels, number: int, cones: Sequence[Cone], head: Head) -> Float32:
-    """The field with hair added where view `number` has mask but no hair, as near as allowed in depth to its neighbours.
+    """The field with hair where view `number` has mask but no hair, as near in depth to the hair around as is allowed.
 
     field, allowed : (n, n, n) float32, metres, positive inside the hair, respectively inside all cones.
     """
@@ -96,12 +125,23 @@ def grow(field: Float32, allowed: Float32, voxels: Voxels, number: int, cones: S
     points, found = _nearest_allowed(pixels, wanted, limit, camera, voxels, cones)
     if not found.any():
         return field
-    seeds = point_voxels(voxels.indices(points[found]), voxels)
-    if not seeds.any():
-        return field
-    away = distance_transform_edt(~seeds).astype(np.float32) * np.float32(voxels.cell)
-    added = np.minimum(allowed, np.float32(_GROWN * voxels.cell) - away)
-    return np.maximum(field, added)
+    places = voxels.indices(points[found])
+    near = binary_dilation(point_voxels(places, voxels), iterations=int(np.ceil(_GROWN)) + 1)
+    away, _ = cKDTree(places).query(np.argwhere(near), distance_upper_bound=_GROWN + 2.0)
+    added = np.full(voxels.shape, -np.inf, np.float32)
+    added[near] = (_GROWN - np.minimum(away, _GROWN + 2.0)) * voxels.cell
+    return np.maximum(field, np.minimum(allowed, added))
+
+
+def fill_rims(field: Float32, allowed: Float32, cell: float, out: float) -> Float32:
+    """The field carved to what the masks allow, after hair near a mask's border was let out up to it.
+
+    Only within `_RIM` voxels of a border the surface moves out, at most `out` voxels, so that the rest stays as it is.
+    """
+    share = np.clip(1.0 - allowed / (_RIM * cell), 0.0, 1.0)
+    # no steps: what lies further out is moved ever less
+    near = np.clip(field / (out * cell) + 2.0, 0.0, 1.0)
+    return np.minimum(field + out * cell * share * near, allowed).astype(np.float32)
 
 
 def uncoverable(number: int, cones: Sequence[Cone], voxels: Voxels, others: Sequence[int]) -> float:
@@ -135,7 +175,7 @@ def _depths(camera: Camera, voxels: Voxels) -> Float64:
 
 
 def _find_gaps(mesh: Mesh, voxels: Voxels, cone: Cone, head: Head) -> tuple[Float64, Float64, Float64, Camera] | None:
-    """Pixels (n, 2) of the mask without hair, (n,) the depths wanted there and (n,) those of the head, and the camera."""
+    """Pixels (n, 2) of the mask without hair, depths wanted there (n,), those of the head (n,), and their camera."""
     camera = _small_camera(cone.camera, voxels, _PIXEL)
     head_depth = raster_mesh(camera, head.vertices, head.triangles).depth
     covered, depth = seen_hair(camera, mesh, head_depth)
@@ -145,7 +185,8 @@ def _find_gaps(mesh: Mesh, voxels: Voxels, cone: Cone, head: Head) -> tuple[Floa
         return None
     rows, columns = np.nonzero(missing)
     nearest = distance_transform_edt(~covered, return_distances=False, return_indices=True)
-    wanted = depth[nearest[0][missing], nearest[1][missing]].astype(np.float64)
+    filled = cv2.GaussianBlur(depth[nearest[0], nearest[1]], (0, 0), _DEPTH_BLUR)
+    wanted = filled[missing].astype(np.float64)
     pixels = np.stack([columns, rows], axis=1) + 0.5
     return pixels, wanted, head_depth[missing].astype(np.float64), camera
 
@@ -159,7 +200,7 @@ def _nearest_allowed(
     cones: Sequence[Cone],
     least: float = 0.0,
 ) -> tuple[Float64, Bools]:
-    """(n, 3) the point on each pixel's ray nearest to the depth wanted that all cones allow, and (n,) if there is one."""
+    """(n, 3) the point of each pixel's ray that is allowed and nearest to the depth wanted, and (n,) if there is one."""
     depths = _depths(camera, voxels)
     along = np.repeat(pixels, len(depths), axis=0)
     points = unproject(camera, along, np.tile(depths, len(pixels)))

@@ -1,4 +1,4 @@
-"""The rough hair shape: a database hairstyle's volume, deformed to the masks and clipped (Zhang et al. 2017, sec. 4.1)."""
+"""The rough hair shape: the volume of a database hairstyle, deformed to the masks and clipped (Zhang et al. 2017)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..progress import NO_PROGRESS, Progress, subrange
 from ..types import Bools, Float32, Float64, Head, Mesh, StrandSet, check_array
 from .clipping import clip_shape
 from .deformation import DeformationParams, Displacement, deform_to_masks
-from .hull import Cone, allowed_distance, grow, make_cones, seen_hair, uncoverable, voxel_points
+from .hull import Cone, allowed_distance, fill_rims, grow, hull_box, make_cones, seen_hair, uncoverable, voxel_points
 from .solid import (
     Voxels,
     head_voxels,
@@ -178,21 +178,21 @@ def _fill_masks(
     deformed: Mesh, cones: Sequence[Cone], head: Head, params: ShapeParams, progress: Progress
 ) -> tuple[Mesh, Voxels]:
     """The closed mesh after carving and growing the deformed one by the masks, and its voxels."""
-    low, high = deformed.vertices.min(axis=0), deformed.vertices.max(axis=0)
-    voxels = voxels_around(low, high, params.resolution, _MARGIN)
+    vertices = deformed.vertices.astype(np.float64)
+    low, high = hull_box(cones, vertices.min(axis=0), vertices.max(axis=0))
+    voxels = voxels_around(low, high, params.resolution, 4.0)
     field = signed_distance(deformed, voxels)
-    allowed = allowed_distance(voxel_points(voxels), cones).reshape(voxels.shape)
+    allowed = allowed_distance(voxel_points(voxels), cones, voxels.cell).reshape(voxels.shape)
     scalp = _scalp_distance(head, voxels)
     inside = head_voxels(head, voxels)
     core = np.where(inside, np.float32(max(_SHELL, 3.0 * voxels.cell)), np.float32(params.scalp_layer)) - scalp
-    field = np.minimum(np.maximum(field, core), allowed)
+    field = fill_rims(np.maximum(field, core), allowed, voxels.cell, 2.0)
     for number in range(params.growth_rounds):
-        progress(number / max(params.growth_rounds, 1), "filling the masks")
+        progress(number / params.growth_rounds, "filling the masks")
         for view in range(len(cones)):
             field = grow(field, allowed, voxels, view, cones, head)
-        if number == 0:
-            smooth = gaussian_filter(np.clip(field, -2.0 * voxels.cell, 2.0 * voxels.cell), 1.0)
-            field = np.minimum(smooth, allowed)
+        smooth = gaussian_filter(np.clip(field, -3.0 * voxels.cell, 3.0 * voxels.cell), 1.0)
+        field = fill_rims(smooth, allowed, voxels.cell, 0.7)
     return surface(without_specks(field), voxels), voxels
 
 
@@ -232,8 +232,8 @@ def _conflicts(cones: Sequence[Cone], voxels: Voxels, least: float) -> tuple[str
     names = " and ".join(f"'{cones[k].name}'" for k in blamed)
     worst = int(shares.argmax())
     return (
-        f"no shape fills all masks: {shares[worst]:.0%} of the mask of view '{cones[worst].name}' is outside the others; "
-        f"check the mask and the camera of {names}",
+        f"no shape fills all masks: {shares[worst]:.0%} of the mask of view '{cones[worst].name}' is outside "
+        f"the others; check the mask and the camera of {names}",
     )
 
 
