@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.ndimage import binary_fill_holes
 from scipy.optimize import least_squares
 
 from ..errors import require
@@ -242,9 +241,8 @@ def _lean(mask: Bools) -> float:
 
 
 def _hole(mask: Bools) -> float:
-    """Share of what the mask's outline surrounds, open below, that is not hair: large where a face is."""
-    rows = np.flatnonzero(mask.any(axis=1))
-    closed = mask[rows[0] : rows[-1] + 1].copy()
-    closed[-1] = True  # a face is open towards the neck
-    filled = binary_fill_holes(closed)
-    return float((filled & ~closed).sum() / max(filled.sum(), 1))
+    """Share of what lies between the hair at the left and at the right of each row that is not hair: a face is."""
+    rows = mask[mask.any(axis=1)]
+    first = rows.argmax(axis=1)
+    last = rows.shape[1] - rows[:, ::-1].argmax(axis=1)
+    return float(1.0 - rows.sum() / (last - first).sum())
