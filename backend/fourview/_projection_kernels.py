@@ -52,7 +52,8 @@ def see_texels(
         v = intrinsics[1, 0] * cx + intrinsics[1, 1] * cy + intrinsics[1, 2]
         pixels[texel, 0], pixels[texel, 1] = u, v
         facing[texel] = min(max(dot, 0.0), 1.0) if front else 0.0
-        sees = front and u >= 0 and v >= 0 and u < width and v < height and mask[int(v), int(u)]
+        # at the outline the depth beside is that of the background: what faces away is told by its normal
+        sees = front and dot > 0 and u >= 0 and v >= 0 and u < width and v < height and mask[int(v), int(u)]
         if sees:
             row, column = int(np.floor(v - 0.5)), int(np.floor(u - 0.5))
             deepest = -np.inf

@@ -34,7 +34,7 @@ class ViewsOnTexels:
     """T texels in n views, of one scale.
 
     pixels : (n, T, 2) float32, where each texel lies in each view (x right, y down).
-    visible : (n, T) bool, unobstructed, in the picture and in the hair mask, from any angle.
+    visible : (n, T) bool, unobstructed, facing the camera at any angle, in the picture and in the hair mask.
     seen : (n, T) bool, the source region S of Z-15: visible, and less than 45 degrees between normal and view.
     facing : (n, T) float32 in [0, 1], dot(normal, direction towards the camera), 0 where negative.
     """

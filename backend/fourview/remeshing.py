@@ -12,6 +12,7 @@ from ..types import Float32, Float64, Floats, Int32, Mesh
 from ._remeshing_kernels import grow_labels, label_parts, relax_clusters
 
 MAX_SWEEPS = 100
+REPAIRS = 4  # times that clusters in several parts are mended and relaxed again
 ITEMS_A_CLUSTER = 10  # a mesh with fewer vertices a cluster is subdivided first
 
 
@@ -27,8 +28,8 @@ def cluster_evenly(points: Floats, weights: Floats, edges: Int32, n_clusters: in
 
     Returns
     -------
-    labels : (n,) int32 in [0, n_clusters); every cluster has an item. Where the items are no connected whole, a cluster
-        may still consist of parts.
+    labels : (n,) int32 from 0 on, every number in use. There are more than `n_clusters` where the items do not hang
+        together and a part of them would get no cluster of its own.
 
     Raises
     ------
@@ -41,16 +42,17 @@ def cluster_evenly(points: Floats, weights: Floats, edges: Int32, n_clusters: in
     centred = np.ascontiguousarray(points - middle, np.float32)
     weight = np.ascontiguousarray(weights, np.float32)
     labels = _runs(centred, weight, n_clusters)
-    for _ in range(4):
-        sums, counts = _sums(centred, weight, labels, n_clusters)
+    for _ in range(REPAIRS):
+        sums, counts = _sums(centred, weight, labels)
         relax_clusters(centred, weight, edges, labels, sums, counts, MAX_SWEEPS)
         if not _release_parts(weight, edges, labels):
             break
     return labels
 
 
-def _sums(points: Floats, weights: Floats, labels: Int32, count: int) -> tuple[Float64, Int32]:
-    """(count, 4) float64 weight and weighted point of each cluster, (count,) int32 items."""
+def _sums(points: Floats, weights: Floats, labels: Int32, least: int = 0) -> tuple[Float64, Int32]:
+    """(k, 4) float64 weight and weighted point of each cluster, (k,) int32 items; for `least` clusters or more."""
+    count = max(int(labels.max()) + 1, least)
     columns = [np.bincount(labels, weights, count)]
     columns += [np.bincount(labels, weights * points[:, axis].astype(np.float64), count) for axis in range(3)]
     return np.stack(columns, axis=1), np.bincount(labels, minlength=count).astype(np.int32)
@@ -102,10 +104,11 @@ def _release_parts(weights: Floats, edges: Int32, labels: Int32) -> bool:
     labels[~kept[parts]] = -1
     while (labels < 0).any() and grow_labels(edges, labels) > 0:
         pass
-    # islands of the item graph have no other cluster to join
+    # islands of the item graph have no other cluster to join, and become clusters themselves
     lost = labels < 0
-    labels[lost] = before[lost]
-    return bool((labels != before).any())
+    _, names = np.unique(parts[lost], return_inverse=True)
+    labels[lost] = before.max() + 1 + names
+    return True
 
 
 def mesh_edges(triangles: Int32) -> Int32:
@@ -198,7 +201,8 @@ def remesh(mesh: Mesh, n_vertices: int) -> Mesh:
     """A mesh of the same surface with about `n_vertices` vertices, evenly spread (Valette & Chassery 2004; Z-8, M-33).
 
     The dual of the clusters of `cluster_evenly`: a triangle where three of them meet. The vertices lie on the surface,
-    at the clusters' centres; those of clusters at an open boundary lie on the boundary.
+    at the clusters' centres; those of clusters at an open boundary lie on the boundary. Parts of the mesh that are too
+    small for a triangle between three clusters are left out.
 
     Raises
     ------
@@ -211,18 +215,18 @@ def remesh(mesh: Mesh, n_vertices: int) -> Mesh:
         fine, _ = subdivide(fine)
     areas = np.maximum(vertex_areas(fine.vertices, fine.triangles), 1e-18)
     labels = cluster_evenly(fine.vertices, areas, mesh_edges(fine.triangles), n_vertices)
-    centres = _centres(fine, areas, labels, n_vertices)
+    centres = _centres(fine, areas, labels)
     coarse = _dual(fine, labels, centres)
     return SurfaceSnap(fine).snap(coarse)
 
 
-def _centres(mesh: Mesh, areas: Float64, labels: Int32, count: int) -> Float64:
-    """(count, 3): the weighted means of the clusters, of their boundary vertices alone where they have some."""
-    sums, _ = _sums(mesh.vertices, areas, labels, count)
+def _centres(mesh: Mesh, areas: Float64, labels: Int32) -> Float64:
+    """(k, 3): the weighted means of the clusters, of their boundary vertices alone where they have some."""
+    sums, _ = _sums(mesh.vertices, areas, labels)
     centres = sums[:, 1:] / sums[:, :1]
     rim = np.unique(boundary_edges(mesh.triangles))
     if len(rim):
-        on_rim, counts = _sums(mesh.vertices[rim], np.ones(len(rim)), labels[rim], count)
+        on_rim, counts = _sums(mesh.vertices[rim], np.ones(len(rim)), labels[rim], len(sums))
         bound = counts > 0
         centres[bound] = on_rim[bound, 1:] / on_rim[bound, :1]
     return np.asarray(centres)

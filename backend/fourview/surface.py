@@ -176,12 +176,12 @@ def _make_level(texels: TexelMap, mesh: Mesh, corner_uv: Float32, across: Int32,
     n_vertices = max(round(texels.n_texels / (params.vertex_spacing * m) ** 2), min(4, texels.n_texels))
     areas = texel_areas(texels, mesh, corner_uv)
     labels = cluster_evenly(texels.points, areas, texels.edges, n_vertices)
-    centres = _central_texels(texels.points, areas, labels, n_vertices)
+    centres = _central_texels(texels.points, areas, labels)
     vertices, normals = texels.points[centres], texels.normals[centres]
     tangents, bitangents = tangent_frames(normals)
     offsets, neighbours = _one_rings(texels.edges, labels, vertices, tangents, bitangents)
     order = scan_order(vertices, offsets, neighbours)
-    patches = np.empty((n_vertices, m * m), np.int32)
+    patches = np.empty((len(centres), m * m), np.int32)
     walk_patches(
         centres,
         tangents,
@@ -200,8 +200,9 @@ def _make_level(texels: TexelMap, mesh: Mesh, corner_uv: Float32, across: Int32,
     return Level(texels, vertices, normals, tangents, bitangents, offsets, neighbours, order, patches)
 
 
-def _central_texels(points: Float32, areas: Float32, labels: Int32, count: int) -> Int32:
-    """(count,) int32: the item of each cluster that is nearest to its centre."""
+def _central_texels(points: Float32, areas: Float32, labels: Int32) -> Int32:
+    """(k,) int32: the item of each cluster that is nearest to its centre."""
+    count = int(labels.max()) + 1
     weight = np.bincount(labels, areas, count)
     sums = [np.bincount(labels, areas.astype(np.float64) * points[:, axis], count) / weight for axis in range(3)]
     nearest = np.full(count, -1, np.int32)
