@@ -10,6 +10,7 @@ import math
 import numba
 import numpy as np
 
+from ..geometry._collider_kernels import sample_distance, sample_gradient
 from ..kernels import device, parallel_kernel
 from ..types import Float32, Float64, Floats, Int32
 from ._space_kernels import GRADIENTS, HEAD, N_VALUES, SCALP, SHAPE, sample_space
@@ -167,7 +168,7 @@ def _off_mask(
     """
     x, y, z = _to_pixel(turn, intrinsics, orthographic, point)
     height, width = away.shape
-    column, row = min(max(int(math.floor(x)), 0), width - 1), min(max(int(math.floor(y)), 0), height - 1)
+    column, row = min(max(math.floor(x), 0), width - 1), min(max(math.floor(y), 0), height - 1)
     off = away[row, column]
     beyond = max(max(-x, x - width), max(-y, y - height))
     if beyond > 0.0 and off > 0.0:
@@ -188,7 +189,7 @@ def keep_in_masks(
     head_depth: Float32, margin: float, rounds: int, clearance: float, distances: Float32, directions: Float32,
     origin: Float64, cell: float, kept: Float64,
 ) -> None:  # fmt: skip
-    """Bend points (S, N, 3) until every view has them in its mask (Z-22); kept (S,): arc share before the first one off.
+    """Bend points (S, N, 3) until every view has them in its mask (Z-22); kept (S,): the share before the first one off.
 
     turns (V, 4, 4), intrinsics (V, 3, 3), orthographic (V,): the cameras. away (V, H, W): pixels to the mask, 0 in it;
     to_mask (V, H, W, 2): x and y from a pixel to the nearest of the mask. head_depth (V, H, W): metres. margin: pixels.
@@ -239,3 +240,23 @@ def cut_strands(points: Floats, kept: Float64) -> None:
             share = place - i
             for axis in range(3):
                 points[s, n, axis] = old[i, axis] + share * (old[i + 1, axis] - old[i, axis])
+
+
+@parallel_kernel
+def push_out(points: Floats, clearance: float, distance: Float32, origin: Float64, cell: float) -> None:
+    """Push points (S, N, 3), but roots, out of the head, whose `Collider` the other arguments are."""
+    for s in numba.prange(len(points)):
+        for i in range(1, points.shape[1]):
+            # strands leave the scalp gently: the full clearance is kept from the third point on
+            wanted = clearance * min(1.0, i / 2.0)
+            for _ in range(6):
+                x, y, z = points[s, i, 0], points[s, i, 1], points[s, i, 2]
+                deep = wanted - sample_distance(distance, origin, cell, x, y, z)
+                if deep <= 0.0:
+                    break
+                gx, gy, gz = sample_gradient(distance, origin, cell, x, y, z)
+                square = gx * gx + gy * gy + gz * gz
+                if square < 0.05:
+                    break
+                scale = (deep + 1e-5) / square
+                points[s, i, 0], points[s, i, 1], points[s, i, 2] = x + scale * gx, y + scale * gy, z + scale * gz

@@ -23,6 +23,7 @@ _STEEPEST = 1.2  # rise over run towards a line's layer
 _EXIT = 0.8  # cosine to the border's normal above which hair leaves the shape there, and does not slide along it
 _OVER_SCALP = 0.04  # metres from the scalp within which strands are led to their layers
 _HELD = 0.02  # metres under the outer surface within which strands keep their depth when they hang free
+_FREE = 0.004  # metres from the scalp from which a strand drawn anew may follow the field
 _LIFT = 0.004  # metres after which a strand has turned from the scalp's normal into the field (1 / e)
 
 
@@ -264,3 +265,60 @@ def respace_lines(lines: Float64, counts: Int32, out: Floats) -> None:
 def _gap(line: Float64, i: int) -> float:
     x, y, z = line[i + 1, 0] - line[i, 0], line[i + 1, 1] - line[i, 1], line[i + 1, 2] - line[i, 2]
     return math.sqrt(x * x + y * y + z * z)
+
+
+@parallel_kernel
+def follow_field(
+    points: Floats, weight: float, clearance: float, distances: Float32, directions: Float32, origin: Float64,
+    cell: float,
+) -> None:  # fmt: skip
+    """Draw strands (S, N, 3) anew in place, each at its own depths under the surface but along the field.
+
+    weight : share of the field in a strand's direction; its own is what remains, and all where the two disagree.
+    """
+    n_points = points.shape[1]
+    for s in numba.prange(len(points)):
+        values, point, vector = np.empty(N_VALUES), np.empty(3), np.empty(3)
+        old = np.empty((n_points, 3))
+        depth = np.empty(n_points)
+        for i in range(n_points):
+            for axis in range(3):
+                old[i, axis] = points[s, i, axis]
+            sample_space(distances, directions, origin, cell, old[i, 0], old[i, 1], old[i, 2], values)
+            depth[i] = values[OUTER]
+        for axis in range(3):
+            point[axis] = old[0, axis]
+        for i in range(n_points - 1):
+            length = _gap(old, i)
+            pieces = max(1, math.ceil(length / cell))
+            for piece in range(pieces):
+                sample_space(distances, directions, origin, cell, point[0], point[1], point[2], values)
+                _blended_direction(old, i, length, weight, values, vector)
+                share = (piece + 1.0) / pieces
+                wanted = depth[i] + share * (depth[i + 1] - depth[i])
+                _to_layer(vector, values, wanted, 1.5 * cell)
+                for axis in range(3):
+                    point[axis] += length / pieces * vector[axis]
+            _keep_off_head(point, clearance, distances, directions, origin, cell, values)
+            for axis in range(3):
+                points[s, i + 1, axis] = point[axis]
+
+
+@device
+def _blended_direction(
+    old: Float64, i: int, length: float, weight: float, values: Float64, vector: Float64
+) -> None:
+    """vector (3,): the unit direction between segment i of old (N, 3) and the field's, at a place with these values."""
+    size, agree = 0.0, 0.0
+    for axis in range(3):
+        size += values[DIRECTION + axis] ** 2
+    scale = 1.0 / math.sqrt(size) if size > 1e-6 else 0.0
+    for axis in range(3):
+        vector[axis] = (old[i + 1, axis] - old[i, axis]) / max(length, 1e-9)
+        agree += vector[axis] * values[DIRECTION + axis] * scale
+    share = weight * min(max(2.0 * agree + 0.6, 0.0), 1.0)
+    if values[SCALP] < _FREE:
+        share *= max(values[SCALP], 0.0) / _FREE
+    for axis in range(3):
+        vector[axis] = (1.0 - share) * vector[axis] + share * scale * values[DIRECTION + axis]
+    _unit(vector)

@@ -19,7 +19,8 @@ from ..geometry.roots import scatter_roots
 from ..geometry.strands import from_dense, polyline_lengths
 from ..progress import NO_PROGRESS, Progress, subrange
 from ..types import Bools, Float32, Float64, Head, Int32, Mesh, StrandSet
-from ._filling_kernels import blend_guides, choose_blends, keep_in_shape
+from ._filling_kernels import blend_guides, choose_blends, keep_in_shape, push_out
+from ._growth_kernels import follow_field
 from .growth import GrowthParams, Guides, grow_guides, surface_samples
 from .hair_space import OUTER, HairShape, HairSpace, make_hair_space
 from .masks import MaskLimits, bend_into_masks, hairy_region, mask_limits
@@ -28,7 +29,7 @@ from .views import View
 _NEAR = 10  # guides around a root that it may be copied from
 _SPARE = 1.06  # roots more than wanted: some grow nothing that lies in the masks
 _SHORTEST = 0.004  # metres of hair that is worth keeping
-_TIP_SPREAD = 0.06  # tips end up to this share earlier
+_FOLLOW = 0.8  # of the field in the direction of a strand between guides
 
 
 def grow_strands(
@@ -49,8 +50,8 @@ def grow_strands(
 
     Returns
     -------
-    StrandSet : world space, metres, n_points a strand, at most n_strands; strand attribute `guide` (S,) int32, the guide
-    that each was mainly copied from, and `is_guide` (S,) bool; no strand in the head, roots on the scalp.
+    StrandSet : world space, metres, n_points a strand, at most n_strands; strand attribute `guide` (S,) int32, the
+    guide that each was mainly copied from; no strand in the head, roots on the scalp.
 
     Raises
     ------
@@ -89,9 +90,14 @@ def fill_strands(
     points[:, 0] = roots
     progress(0.5, "Strands into the shape")
     keep_in_shape(points, params.clearance, space.distances, space.directions, space.origin, space.cell)
+    follow_field(
+        points, _FOLLOW, params.clearance, space.distances, space.directions, space.origin, space.cell
+    )
+    keep_in_shape(points, params.clearance, space.distances, space.directions, space.origin, space.cell)
     progress(0.6, "Strands into the masks")
     limits = mask_limits(views, head)
     bend_into_masks(points, limits, space, params.clearance, params.mask_margin)
+    push_out(points, params.clearance, space.solid.distance, space.solid.origin, space.solid.cell)
     good = np.flatnonzero(polyline_lengths(points) >= _SHORTEST)
     if len(good) > params.n_strands:
         good = np.sort(random.choice(good, params.n_strands, replace=False))

@@ -20,7 +20,9 @@ from ._space_kernels import N_VALUES, sample_places
 _CELLS = 120
 _CELL_LIMITS = (0.002, 0.008)  # metres
 _MARGIN = 3  # cells around the shape and the scalp
+_EXACT = 2.5  # cells from a mesh within which its distance is not interpolated
 _FAR = 0.3  # metres: beyond, a distance says nothing but "far"
+Indices = NDArray[np.int64]
 SHAPE, HEAD, OUTER, SCALP = range(4)  # the columns of HairSpace.distances
 
 
@@ -47,13 +49,14 @@ class HairSpace:
     distances : (X, Y, Z, 4) float32: signed to the closed shape, signed to the head (both negative inside), unsigned to
         the outer surface, unsigned to the scalp. Exact near the surfaces; `_FAR` where nobody asks.
     directions : (X, Y, Z, 3) float32, unit: from root to tip; outside the shape that of the nearest place inside.
-    origin : (3,) float64: node (0, 0, 0). cell : metres between nodes.
+    origin : (3,) float64: node (0, 0, 0). cell : metres between nodes. solid : the head's own finer distances.
     """
 
     distances: Float32
     directions: Float32
     origin: Float64
     cell: float
+    solid: Collider
 
     def at(self, points: Floats) -> Float64:
         """(n, 19) at points (n, 3): the 4 distances, the direction, the gradients of the 4 distances."""
@@ -83,13 +86,14 @@ def make_hair_space(volume: DirectionGrid, shape: HairShape, head: Head) -> Hair
     size = (int(counts[0]), int(counts[1]), int(counts[2]))
     distances = np.full((*size, 4), _FAR, np.float32)
     distances[..., SHAPE] = _on_nodes(build_collider([_as_head(shape.closed)], cell=cell), origin, cell, size)
-    distances[..., HEAD] = _on_nodes(build_collider([head], around=np.stack([low, high])), origin, cell, size)
+    solid = build_collider([head], around=np.stack([low, high]))
+    distances[..., HEAD] = _on_nodes(solid, origin, cell, size)
     # nobody asks outside the shape but between it and the scalp
     scalp = Mesh(head.vertices, np.ascontiguousarray(head.triangles[head.scalp]))
     wanted = (distances[..., SHAPE] < 3.0 * cell) | (np.abs(distances[..., HEAD]) < 10.0 * cell)
-    distances[wanted, OUTER] = _unsigned(shape.open, origin, cell, wanted)
-    distances[wanted, SCALP] = _unsigned(scalp, origin, cell, wanted)
-    return HairSpace(distances, _directions(volume, origin, cell, size), origin, cell)
+    distances[..., OUTER] = _unsigned(shape.open, origin, cell, wanted)
+    distances[..., SCALP] = _unsigned(scalp, origin, cell, wanted)
+    return HairSpace(distances, _directions(volume, origin, cell, size), origin, cell, solid)
 
 
 def _as_head(mesh: Mesh) -> Head:
@@ -107,13 +111,29 @@ def _on_nodes(collider: Collider, origin: Float64, cell: float, size: tuple[int,
 
 
 def _unsigned(mesh: Mesh, origin: Float64, cell: float, wanted: Bools) -> Float32:
-    """(n,) float32: the distance from each wanted node to the mesh, at most _FAR."""
+    """(X, Y, Z) float32: the distance of each node to the mesh, at most _FAR, which is also that of nodes not wanted.
+
+    Between every second node it is interpolated, but near the mesh, where it has a kink.
+    """
     tree = igl.AABB()
     vertices, triangles = mesh.vertices.astype(np.float64), mesh.triangles.astype(np.int64)
     tree.init(vertices, triangles)
-    places = np.argwhere(wanted) * cell + origin
-    squares, _, _ = tree.squared_distance(vertices, triangles, places)
-    return np.minimum(np.sqrt(np.atleast_1d(squares)), _FAR).astype(np.float32)
+
+    def exact(nodes: Indices) -> Float32:
+        squares, _, _ = tree.squared_distance(vertices, triangles, nodes * cell + origin)
+        return np.minimum(np.sqrt(np.atleast_1d(squares)), _FAR).astype(np.float32)
+
+    around = ndimage.binary_dilation(wanted, np.ones((3, 3, 3)))
+    coarse = np.full([(n + 1) // 2 for n in wanted.shape], _FAR, np.float32)
+    asked = around[::2, ::2, ::2]
+    coarse[asked] = exact(2 * np.argwhere(asked))
+    distance = np.full(wanted.shape, _FAR, np.float32)
+    places = np.argwhere(wanted)
+    values = ndimage.map_coordinates(coarse, 0.5 * places.T, order=1, mode="nearest")
+    near = values < _EXACT * cell
+    values[near] = exact(places[near])
+    distance[wanted] = values
+    return distance
 
 
 def _directions(volume: DirectionGrid, origin: Float64, cell: float, size: tuple[int, int, int]) -> Float32:

@@ -81,7 +81,7 @@ def bend_into_masks(points: Float32, limits: MaskLimits, space: HairSpace, clear
 
 
 def hairy_region(views: Sequence[View], head: Head, surface: HeadSurface) -> Bools:
-    """(F,) bool: triangles of the scalp but those that a photo shows without hair; the whole scalp if none were left."""
+    """(F,) bool: triangles of the scalp but those that a photo shows bare; the whole scalp if none were left."""
     region = head.scalp.copy()
     middles = head.vertices[head.triangles].mean(axis=1)
     for view in views:
