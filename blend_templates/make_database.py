@@ -1,0 +1,93 @@
+"""Make the database of hairstyles: `python blend_templates/make_database.py [OUT.npz] [--processes N]`.
+
+Writes backend/data/hairstyles.npz from the recipes of `hairstyle_recipes` (grown) and `hairstyle_variations` (made by
+Hairloom's own synthesis, detail transfer and comb from grown ones), all on Hairloom's plain head. Needs no Blender. The
+same script gives the same bytes, whatever the number of processes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from pathlib import Path
+from zlib import crc32
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+
+import numpy as np  # noqa: E402
+from collider import Collider  # noqa: E402
+from growth import arc_lengths, resample_to  # noqa: E402
+from hairloom.fourview.database_entries import EntryHead, EntryParams, entry_head, make_hairstyle  # noqa: E402
+from hairloom.fourview.database_files import Hairstyle, read_hairstyles, write_hairstyles  # noqa: E402
+from hairloom.geometry.head import default_head  # noqa: E402
+from hairloom.geometry.strands import from_dense  # noqa: E402
+from hairloom.types import StrandSet  # noqa: E402
+from hairstyle_recipes import Recipe, recipes  # noqa: E402
+from hairstyle_shapes import Hair  # noqa: E402
+from styles import grow_style  # noqa: E402
+from tqdm import tqdm  # noqa: E402
+
+OUTPUT = HERE.parent / "backend" / "data" / "hairstyles.npz"
+N_POINTS = 40
+N_KEPT = 1100  # strands of an entry, at most
+
+
+@cache
+def collider() -> Collider:
+    """Of Hairloom's plain head, once a process."""
+    return Collider(default_head())
+
+
+@cache
+def head() -> EntryHead:
+    return entry_head(default_head())
+
+
+def grow_recipe(recipe: Recipe) -> StrandSet:
+    """The hairstyle of a recipe on Hairloom's plain head: world space, metres, N_POINTS points a strand."""
+    seed = crc32(recipe.name.encode()) + recipe.seed
+    grown = grow_style(recipe.style, collider(), recipe.n_strands, N_POINTS, seed)
+    strands = collider().to_unit(grown.points).reshape(recipe.n_strands, -1, 3)
+    hair = Hair(strands, grown.strand_attributes["wisp"], collider())
+    rng = np.random.default_rng(seed)
+    for step in recipe.steps:
+        hair = step(hair, rng)
+    even = resample_to(hair.strands, arc_lengths(hair.strands)[:, -1], N_POINTS)
+    return from_dense(collider().to_world(even), {"wisp": hair.wisps})
+
+
+def make_entry(name: str) -> Hairstyle:
+    """The entry of the recipe of this name."""
+    recipe = recipes_by_name()[name]
+    params = EntryParams(N_KEPT, recipe.n_points)
+    return make_hairstyle(
+        recipe.name, grow_recipe(recipe), head(), tags=recipe.tags, family=recipe.family, params=params
+    )
+
+
+@cache
+def recipes_by_name() -> dict[str, Recipe]:
+    return {recipe.name: recipe for recipe in recipes()}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("out", type=Path, nargs="?", default=OUTPUT)
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--only", default="", help="make again only the hairstyles whose name has this in it")
+    options = parser.parse_args()
+    names = [name for name in recipes_by_name() if options.only in name]
+    with ProcessPoolExecutor(options.processes) as pool:
+        styles = list(tqdm(pool.map(make_entry, names, chunksize=4), total=len(names)))
+    if options.only and options.out.exists():
+        made = {style.name: style for style in (*read_hairstyles(options.out), *styles)}
+        styles = [made[name] for name in recipes_by_name() if name in made]
+    write_hairstyles(options.out, styles)
+    print(f"{options.out}: {len(styles)} hairstyles, {options.out.stat().st_size / 1e6:.2f} MB")
+
+
+if __name__ == "__main__":
+    main()
