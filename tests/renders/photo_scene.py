@@ -16,45 +16,48 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "docs"))
 
 from grooms import Groom
+from hairloom.geometry.camera import DISTANCE, unproject
 from hairloom.types import Camera, Float32
-from mathutils import Matrix
+from mathutils import Matrix, Vector
 from render import SCALP_SHADE, hair_material, shade_scalp
 
 SKIN = (0.58, 0.38, 0.29, 1.0)  # linear RGBA
 DARK_SCALP = (0.02, 0.014, 0.01, 1.0)  # gaps between strands look like hair in the shade, not like skin
-# name, place in metres from the middle of the scalp, size in metres, power in watts
-LIGHTS = (
-    ("front left", (0.8, -1.3, 0.5), 0.8, 24.0),
-    ("front right", (-1.2, -0.8, 0.2), 0.8, 18.0),
-    ("back right", (-0.8, 1.3, 0.5), 0.8, 24.0),
-    ("back left", (1.2, 0.8, 0.2), 0.8, 18.0),
-    ("above", (0.0, 0.0, 1.5), 0.8, 10.0),
-)
+# Two lights that go with the camera, as when a person turns in front of it: right, up and towards it from the middle
+# of the head in metres, size in metres, power in watts. Few lights and no bounces: little noise from few samples.
+LIGHTS = (((-0.5, 0.7, 1.6), 0.4, 75.0), ((0.7, 0.1, 1.6), 0.4, 40.0))
+# absorption by melanin as in Chiang et al. 2016 (Cycles' Principled Hair), linear RGB
+EUMELANIN, PHEOMELANIN = np.array([0.506, 0.841, 1.653]), np.array([0.343, 0.733, 1.924])
+PATH = 1.8  # how strongly absorption colours the matt part
 MASK_SAMPLES = 4
-BOUNCES = 2
 
 
-def make_scene(groom: Groom, samples: int, melanin: float, redness: float) -> Any:
-    """An empty file with the groom, its head and lights, ready for `render_view` and `render_coverage`."""
+def make_scene(groom: Groom, samples: int, melanin: float, redness: float, principled: bool) -> Any:
+    """An empty file with the groom, its head and lights, ready for `render_view` and `render_coverage`.
+
+    principled : Cycles' Principled Hair with several bounces, for which 12 samples are not enough; else one that looks
+        alike under frontal light, of a matt and a glossy part, without bounces.
+    """
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
     scene.render.film_transparent = True
+    scene.render.use_persistent_data = True
     scene.view_settings.view_transform = "Standard"
     cycles = scene.cycles
     cycles.device = "CPU"
     cycles.samples = samples
     cycles.use_adaptive_sampling = False
     cycles.use_denoising = False
-    cycles.max_bounces = cycles.transmission_bounces = BOUNCES
-    cycles.glossy_bounces = cycles.diffuse_bounces = 1
+    cycles.max_bounces = cycles.transmission_bounces = cycles.glossy_bounces = 4 if principled else 0
+    cycles.diffuse_bounces = 0
+    cycles.sample_clamp_direct, cycles.sample_clamp_indirect = 4.0, 2.0
     cycles.seed = 0
     scene.cycles_curves.shape = "RIBBONS"
-    scene.world = bpy.data.worlds.new("world")
-    _nodes(scene.world)["Background"].inputs["Color"].default_value = (0.30, 0.31, 0.33, 1.0)
     _add_head(scene, groom)
-    _add_hair(scene, groom, melanin, redness)
-    _add_lights(scene, groom)
+    material = hair_material("hair", melanin, redness) if principled else _direct_material(melanin, redness)
+    _add_hair(scene, groom, material)
+    _add_lights(scene)
     return scene
 
 
@@ -115,37 +118,61 @@ def _add_head(scene: Any, groom: Groom) -> None:
     scene.collection.objects.link(bpy.data.objects.new("head", mesh))
 
 
-def _add_hair(scene: Any, groom: Groom, melanin: float, redness: float) -> None:
+def _add_hair(scene: Any, groom: Groom, material: Any) -> None:
     strands = groom.strands
     curves = bpy.data.hair_curves.new("hair")
     curves.add_curves(strands.point_counts.tolist())
     curves.position_data.foreach_set("vector", np.ascontiguousarray(strands.points).ravel())
     radius = curves.attributes.new("radius", "FLOAT", "POINT")
     radius.data.foreach_set("value", np.ascontiguousarray(strands.point_attributes["radius"]))
-    curves.materials.append(hair_material("hair", melanin, redness))
+    curves.materials.append(material)
     curves.update_tag()
     scene.collection.objects.link(bpy.data.objects.new("hair", curves))
 
 
-def _add_lights(scene: Any, groom: Groom) -> None:
-    """Lights that stand still while the camera goes around, so that the views agree where they overlap."""
-    scalp = groom.head.vertices[np.unique(groom.head.triangles[groom.head.scalp])]
-    middle = (scalp.min(axis=0) + scalp.max(axis=0)) / 2.0
-    for name, offset, size, power in LIGHTS:
-        light = bpy.data.lights.new(name, "AREA")
+def _direct_material(melanin: float, redness: float) -> Any:
+    """Strands of varied brightness with a highlight across them, seen under direct light alone."""
+    amount = -np.log(max(1.0 - melanin, 1e-3))
+    absorption = amount * ((1.0 - redness) * EUMELANIN + redness * PHEOMELANIN)
+    colour = np.exp(-PATH * np.sqrt(absorption))
+    material = bpy.data.materials.new("hair")
+    nodes, links = _nodes(material), material.node_tree.links
+    nodes.clear()
+    strand, ramp = nodes.new("ShaderNodeHairInfo"), nodes.new("ShaderNodeValToRGB")
+    for element, brightness in zip(ramp.color_ramp.elements, (0.5, 1.5)):
+        element.color = (*np.clip(colour * brightness, 0.0, 1.0), 1.0)
+    matt, glossy = nodes.new("ShaderNodeBsdfDiffuse"), nodes.new("ShaderNodeBsdfHair")
+    glossy.component = "Reflection"
+    glossy.inputs["Color"].default_value = (*np.sqrt(colour), 1.0)
+    glossy.inputs["Offset"].default_value = -0.05
+    glossy.inputs["RoughnessU"].default_value, glossy.inputs["RoughnessV"].default_value = 0.25, 0.7
+    mix, output = nodes.new("ShaderNodeMixShader"), nodes.new("ShaderNodeOutputMaterial")
+    mix.inputs["Fac"].default_value = 0.35
+    links.new(strand.outputs["Random"], ramp.inputs["Fac"])
+    links.new(ramp.outputs["Color"], matt.inputs["Color"])
+    links.new(matt.outputs[0], mix.inputs[1])
+    links.new(glossy.outputs[0], mix.inputs[2])
+    links.new(mix.outputs[0], output.inputs["Surface"])
+    return material
+
+
+def _add_lights(scene: Any) -> None:
+    for number, (_, size, power) in enumerate(LIGHTS):
+        light = bpy.data.lights.new(f"light {number}", "AREA")
         light.size, light.energy = size, power
-        item = bpy.data.objects.new(name, light)
-        turn = Matrix.Identity(3) if offset[:2] == (0.0, 0.0) else _facing(offset)
-        item.matrix_world = Matrix.LocRotScale((middle + offset).tolist(), turn.to_quaternion(), None)
-        scene.collection.objects.link(item)
+        scene.collection.objects.link(bpy.data.objects.new(light.name, light))
 
 
-def _facing(offset: tuple[float, float, float]) -> Any:
-    """The turn of a light at `offset` that shines at the middle: its -z points there."""
-    back = np.asarray(offset) / np.linalg.norm(offset)
-    right = np.cross((0.0, 0.0, 1.0), back)
-    right /= np.linalg.norm(right)
-    return Matrix(np.stack([right, np.cross(back, right), back], axis=1).tolist())
+def _place_lights(scene: Any, camera: Camera) -> None:
+    """Put the lights beside the camera, all shining at the middle of its picture."""
+    right, down, forward = camera.world_to_camera[:3, :3]
+    middle = np.array([[camera.size[0] / 2.0, camera.size[1] / 2.0]])
+    subject = unproject(camera, middle, np.array([DISTANCE]))[0]
+    for number, ((aside, above, near), _, _) in enumerate(LIGHTS):
+        offset = aside * right - above * down - near * forward
+        scene.objects[f"light {number}"].matrix_world = Matrix.LocRotScale(
+            Vector(subject + offset), Vector(offset).to_track_quat("Z", "Y"), None
+        )
 
 
 def _use_camera(scene: Any, camera: Camera) -> None:
@@ -170,6 +197,7 @@ def _use_camera(scene: Any, camera: Camera) -> None:
 
 def _render(scene: Any, camera: Camera) -> Float32:
     _use_camera(scene, camera)
+    _place_lights(scene, camera)
     settings = scene.render.image_settings
     settings.file_format, settings.color_mode, settings.color_depth = "PNG", "RGBA", "16"
     with tempfile.TemporaryDirectory() as folder:

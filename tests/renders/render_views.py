@@ -34,7 +34,7 @@ def render_groom(groom: Groom, folder: Path, arguments: argparse.Namespace) -> N
     write_bundle(folder / "truth.npz", {"strands": groom.strands, "head": groom.head, "cameras": groom.cameras})
     melanin = groom.melanin if arguments.melanin is None else arguments.melanin
     redness = groom.redness if arguments.redness is None else arguments.redness
-    scene = photo_scene.make_scene(groom, arguments.samples, melanin, redness)
+    scene = photo_scene.make_scene(groom, arguments.samples, melanin, redness, arguments.principled)
     rng = np.random.default_rng(arguments.seed)
     for view, camera in groom.cameras.items():
         start = time.perf_counter()
@@ -78,6 +78,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--views", nargs="+", default=VIEWS, choices=(*VIEWS, "top"))
     parser.add_argument("--size", type=int, default=800, help="pixels")
     parser.add_argument("--samples", type=int, default=12, help="a pixel")
+    parser.add_argument("--principled", action="store_true", help="Principled Hair; slow, take 100 samples or more")
     parser.add_argument("--strands", type=int, default=STARTER_STRANDS, help="of a starter groom")
     parser.add_argument("--seed", type=int, default=0, help="of a starter groom's growth, and of the noise")
     parser.add_argument("--background", default=PLAIN, help="an image file, or a colour r,g,b in [0, 1]")
