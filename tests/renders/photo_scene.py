@@ -21,11 +21,11 @@ from hairloom.types import Camera, Float32
 from mathutils import Matrix, Vector
 from render import SCALP_SHADE, hair_material, shade_scalp
 
-SKIN = (0.58, 0.38, 0.29, 1.0)  # linear RGBA
+SKIN = (0.24, 0.145, 0.105, 1.0)  # linear RGBA, for light that is strong enough for dark hair
 DARK_SCALP = (0.02, 0.014, 0.01, 1.0)  # gaps between strands look like hair in the shade, not like skin
 # Two lights that go with the camera, as when a person turns in front of it: right, up and towards it from the middle
 # of the head in metres, size in metres, power in watts. Few lights and no bounces: little noise from few samples.
-LIGHTS = (((-0.5, 0.7, 1.6), 0.4, 75.0), ((0.7, 0.1, 1.6), 0.4, 40.0))
+LIGHTS = (((-0.5, 0.7, 1.6), 0.4, 65.0), ((0.7, 0.1, 1.6), 0.4, 32.0))
 # absorption by melanin as in Chiang et al. 2016 (Cycles' Principled Hair), linear RGB
 EUMELANIN, PHEOMELANIN = np.array([0.506, 0.841, 1.653]), np.array([0.343, 0.733, 1.924])
 PATH = 1.8  # how strongly absorption colours the matt part
