@@ -10,6 +10,11 @@ from . import (
     comb_cache,
     detail_library,
     detail_settings,
+    fourview,
+    fourview_overlay,
+    fourview_settings,
+    fourview_tools,
+    gizmos,
     jobs,
     live_details,
     live_flow,
@@ -24,8 +29,8 @@ from . import (
 )
 
 _PARTS = (
-    jobs, props, detail_settings, simulation_settings, live_details, live_flow, playback, ops, tools, ui, comb_cache,
-    prefs, assets, detail_library, warmup,
+    jobs, props, detail_settings, simulation_settings, fourview_settings, live_details, live_flow, playback, fourview,
+    ops, tools, fourview_tools, gizmos, ui, fourview_overlay, comb_cache, prefs, assets, detail_library, warmup,
 )  # fmt: skip
 
 

@@ -21,6 +21,8 @@ from bpy.props import (
 
 from .comb_settings import CombSettings
 from .detail_settings import DetailSettings, DetailTransferSettings, TransferSettings
+from .fourview_params import CLASSES as FOUR_VIEW_CLASSES
+from .fourview_params import FourViewSettings
 from .params_group import ParamsGroup
 from .simulation_settings import CLASSES as SIMULATION_CLASSES
 from .simulation_settings import SimulationSettings
@@ -275,11 +277,13 @@ class SceneSettings(bpy.types.PropertyGroup):
     comb: PointerProperty(type=CombSettings)
     details: PointerProperty(type=DetailTransferSettings)
     simulation: PointerProperty(type=SimulationSettings)
+    four_view: PointerProperty(type=FourViewSettings)
 
 
 CLASSES = (
     WispSettings, HierarchySettings, TextureSettings, TransferSettings, RefineSettings, CleanUpSettings,
-    SynthesisSettings, DetailSettings, DetailTransferSettings, CombSettings, *SIMULATION_CLASSES, SceneSettings,
+    SynthesisSettings, DetailSettings, DetailTransferSettings, CombSettings, *SIMULATION_CLASSES, *FOUR_VIEW_CLASSES,
+    SceneSettings,
 )  # fmt: skip
 
 

@@ -23,6 +23,14 @@ from . import (
     extract_flow,
     extract_guides,
     fit_helices,
+    four_view_add_images,
+    four_view_photo,
+    four_view_place,
+    four_view_project,
+    four_view_scribble,
+    four_view_segment,
+    four_view_stages,
+    four_view_stroke,
     free_cache,
     import_groom,
     make_guides,
@@ -46,7 +54,8 @@ _MODULES = (
     show_wisps, extract_centers, extract_flow, apply_flow, synthesize, comb, play_strokes, save_strokes,
     transfer_details, update_details, save_detail, apply_detail, make_guides, select_guides, extract_guides,
     fit_helices, show_helices, simulate, resume_simulation, free_cache, bake_alembic, bake_usd,
-    bake_playback, export_unreal, cancel_job, warm_up,
+    bake_playback, export_unreal, four_view_add_images, four_view_photo, four_view_segment, four_view_scribble,
+    four_view_place, four_view_stages, four_view_stroke, four_view_project, cancel_job, warm_up,
 )  # fmt: skip
 
 register, unregister = bpy.utils.register_classes_factory([cls for module in _MODULES for cls in module.CLASSES])

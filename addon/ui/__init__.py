@@ -6,6 +6,7 @@ from . import (
     bake_panel,
     comb_panel,
     flow_panel,
+    fourview_panel,
     menus,
     panels,
     physics_presets,
@@ -14,7 +15,10 @@ from . import (
     transfer_panel,
 )
 
-_PARTS = (presets, physics_presets, panels, flow_panel, comb_panel, transfer_panel, simulation_panel, bake_panel, menus)
+_PARTS = (
+    presets, physics_presets, panels, flow_panel, comb_panel, transfer_panel, simulation_panel, bake_panel,
+    fourview_panel, menus,
+)  # fmt: skip
 
 
 def register() -> None:
