@@ -189,7 +189,7 @@ def keep_in_masks(
     head_depth: Float32, margin: float, rounds: int, clearance: float, distances: Float32, directions: Float32,
     origin: Float64, cell: float, kept: Float64,
 ) -> None:  # fmt: skip
-    """Bend points (S, N, 3) until every view has them in its mask (Z-22); kept (S,): the share before the first one off.
+    """Bend points (S, N, 3) until all views have them in their masks (Z-22); kept (S,): the share before the first off.
 
     turns (V, 4, 4), intrinsics (V, 3, 3), orthographic (V,): the cameras. away (V, H, W): pixels to the mask, 0 in it;
     to_mask (V, H, W, 2): x and y from a pixel to the nearest of the mask. head_depth (V, H, W): metres. margin: pixels.

@@ -305,9 +305,7 @@ def follow_field(
 
 
 @device
-def _blended_direction(
-    old: Float64, i: int, length: float, weight: float, values: Float64, vector: Float64
-) -> None:
+def _blended_direction(old: Float64, i: int, length: float, weight: float, values: Float64, vector: Float64) -> None:
     """vector (3,): the unit direction between segment i of old (N, 3) and the field's, at a place with these values."""
     size, agree = 0.0, 0.0
     for axis in range(3):

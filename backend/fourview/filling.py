@@ -90,9 +90,7 @@ def fill_strands(
     points[:, 0] = roots
     progress(0.5, "Strands into the shape")
     keep_in_shape(points, params.clearance, space.distances, space.directions, space.origin, space.cell)
-    follow_field(
-        points, _FOLLOW, params.clearance, space.distances, space.directions, space.origin, space.cell
-    )
+    follow_field(points, _FOLLOW, params.clearance, space.distances, space.directions, space.origin, space.cell)
     keep_in_shape(points, params.clearance, space.distances, space.directions, space.origin, space.cell)
     progress(0.6, "Strands into the masks")
     limits = mask_limits(views, head)
