@@ -24,7 +24,8 @@ def cone_distances(
     """Lower out (n,) to the distance, metres, by which places (n, 3), metres, world space, are allowed in one view.
 
     inside_px (H, W): signed distance to the mask's border at the pixels' middles, positive in the mask. A place behind
-    the occluder is allowed too, by how far it is more than `skin` metres behind. Beyond the picture the picture's border counts.
+    the occluder is allowed too, by how far it is more than `skin` metres behind. Beyond the picture
+    its border counts.
     """
     height, width = inside_px.shape
     scale = math.sqrt(abs(intrinsics[0, 0] * intrinsics[1, 1] - intrinsics[0, 1] * intrinsics[1, 0]))

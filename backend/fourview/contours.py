@@ -11,7 +11,7 @@ from ._contour_kernels import cyclic_costs, cyclic_path
 # Weights of the matching: points 10 % of the picture's diagonal apart cost as much as normals 90 degrees apart.
 _DISTANCE = 0.1
 _STANDSTILL = 0.05
-_START_STEP = 4  # points between the starts that are tried
+_START_STEP = 8  # points between the starts that are tried
 _START_REACH = 0.15  # of the outline's points, on both sides of the nearest
 
 
@@ -64,7 +64,7 @@ def match_outlines(source: Float64, target: Float64, diagonal: float) -> Float64
     reach = max(int(_START_REACH * count), _START_STEP)
     starts = (nearest + np.arange(-reach, reach + 1, _START_STEP)) % count
     best = _best_start(cost, starts.astype(np.int64))
-    around = (best + np.arange(-_START_STEP + 1, _START_STEP)) % count
+    around = (best + np.arange(-_START_STEP + 1, _START_STEP, 2)) % count
     best = _best_start(cost, around.astype(np.int64))
     first, last = np.empty(len(source), np.int64), np.empty(len(source), np.int64)
     cyclic_path(cost, best, _STANDSTILL, first, last)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.ndimage import binary_dilation, distance_transform_edt
+from scipy.ndimage import binary_dilation, distance_transform_edt, map_coordinates
 from scipy.spatial import cKDTree
 
 from ..geometry.camera import project, resized, unproject
@@ -21,8 +21,10 @@ from .views import View
 _GROWN = 2.0  # voxels, half the thickness of what is grown
 _BOX_SAMPLES = 40  # along each side of a box whose allowed part is wanted
 _DEPTH_BLUR = 3.0  # pixels, of the depths that are wanted in a gap
-_RIM = 4.0  # voxels, see fill_rims
-_PIXEL = 0.7  # voxels, a pixel's edge in the pictures in which growing looks for gaps
+_RIM = 6.0  # voxels from a border up to which settle_rims moves the surface
+_MOST_MOVE = 4.0  # voxels, the furthest it moves it
+_MOVE_BLUR = 1.5  # pixels
+_PIXEL = 1.0  # voxels, a pixel's edge in the pictures in which growing looks for gaps
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,36 +114,72 @@ def seen_hair(camera: Camera, mesh: Mesh, head_depth: Float32) -> tuple[Bools, F
     return np.asarray(depth < head_depth), depth
 
 
-def grow(field: Float32, allowed: Float32, voxels: Voxels, number: int, cones: Sequence[Cone], head: Head) -> Float32:
-    """The field with hair where view `number` has mask but no hair, as near in depth to the hair around as is allowed.
+def settle_rims(field: Float32, voxels: Voxels, cones: Sequence[Cone], head: Head) -> Float32:
+    """The field with its surface moved, where a view sees it edge-on, to the border of that view's mask.
+
+    At the border of a mask with the background the outline of the shape is some way inside or outside; the surface
+    nearby moves by that way, and by ever less up to `_RIM` voxels from the border, so that it stays smooth, where
+    carving alone would leave a flat strip. Borders on the head are left alone: there no surface is seen edge-on.
+    """
+    mesh = surface(field, voxels)
+    near = np.abs(field) < _RIM * voxels.cell
+    if len(mesh.triangles) == 0 or not near.any():
+        return field
+    points = voxels.points(np.argwhere(near))
+    offset = np.zeros(len(points))
+    weight = np.zeros(len(points))
+    for cone in cones:
+        camera = _small_camera(cone.camera, voxels, _PIXEL)
+        moves, distance = _rim_moves(mesh, cone, camera, head)
+        seen = project(camera, points)
+        nodes = seen[:, 1::-1].T - 0.5
+        scale = _pixel_metres(camera, seen[:, 2])
+        share = 1.0 - np.abs(map_coordinates(distance, nodes, order=1, mode="nearest")) * scale / (_RIM * voxels.cell)
+        share = np.clip(share, 0.0, 1.0)
+        offset += share * map_coordinates(moves, nodes, order=1, mode="nearest") * scale
+        weight += share
+    most = _MOST_MOVE * voxels.cell
+    out = field.copy()
+    out[near] += np.clip(offset / np.maximum(weight, 1.0), -most, most).astype(np.float32)
+    return out
+
+
+def _rim_moves(mesh: Mesh, cone: Cone, camera: Camera, head: Head) -> tuple[Float64, Float32]:
+    """How far out the shape's outline must go at the nearest border of the mask, (H, W) pixels; distance inside it."""
+    head_depth = raster_mesh(camera, head.vertices, head.triangles).depth
+    covered, _ = seen_hair(camera, mesh, head_depth)
+    mask = shrink_mask(cone.mask, camera.size)
+    inside = inside_distance(mask)
+    if not covered.any():
+        return np.zeros(mask.shape), inside
+    border = (np.abs(inside) < 1.0) & mask
+    # within two pixels of the head's picture a border may be one on the head
+    on_head = cv2.dilate(np.isfinite(head_depth).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    moves = np.where(border & ~on_head, inside - inside_distance(covered), 0.0)
+    nearest = distance_transform_edt(~border, return_distances=False, return_indices=True)
+    return cv2.GaussianBlur(moves[nearest[0], nearest[1]], (0, 0), _MOVE_BLUR), inside
+
+
+def grow(field: Float32, allowed: Float32, voxels: Voxels, cones: Sequence[Cone], head: Head) -> Float32:
+    """The field with hair where a view has mask but no hair, as near in depth to the hair around as is allowed.
 
     field, allowed : (n, n, n) float32, metres, positive inside the hair, respectively inside all cones.
     """
-    cone = cones[number]
-    gaps = _find_gaps(surface(field, voxels), voxels, cone, head)
-    if gaps is None:
+    mesh = surface(field, voxels)
+    seeds: list[Float64] = []
+    for cone in cones:
+        gaps = _find_gaps(mesh, voxels, cone, head)
+        if gaps is not None:
+            points, found = _nearest_allowed(*gaps, voxels, cones)
+            seeds.append(voxels.indices(points[found]))
+    places = np.concatenate(seeds) if seeds else np.empty((0, 3))
+    if len(places) == 0:
         return field
-    pixels, wanted, limit, camera = gaps
-    points, found = _nearest_allowed(pixels, wanted, limit, camera, voxels, cones)
-    if not found.any():
-        return field
-    places = voxels.indices(points[found])
     near = binary_dilation(point_voxels(places, voxels), iterations=int(np.ceil(_GROWN)) + 1)
     away, _ = cKDTree(places).query(np.argwhere(near), distance_upper_bound=_GROWN + 2.0)
     added = np.full(voxels.shape, -np.inf, np.float32)
     added[near] = (_GROWN - np.minimum(away, _GROWN + 2.0)) * voxels.cell
     return np.maximum(field, np.minimum(allowed, added))
-
-
-def fill_rims(field: Float32, allowed: Float32, cell: float, out: float) -> Float32:
-    """The field carved to what the masks allow, after hair near a mask's border was let out up to it.
-
-    Only within `_RIM` voxels of a border the surface moves out, at most `out` voxels, so that the rest stays as it is.
-    """
-    share = np.clip(1.0 - allowed / (_RIM * cell), 0.0, 1.0)
-    # no steps: what lies further out is moved ever less
-    near = np.clip(field / (out * cell) + 2.0, 0.0, 1.0)
-    return np.minimum(field + out * cell * share * near, allowed).astype(np.float32)
 
 
 def uncoverable(number: int, cones: Sequence[Cone], voxels: Voxels, others: Sequence[int]) -> float:
@@ -161,17 +199,21 @@ def uncoverable(number: int, cones: Sequence[Cone], voxels: Voxels, others: Sequ
 
 def _small_camera(camera: Camera, voxels: Voxels, pixel: float) -> Camera:
     """The camera with pixels of so many voxels at the middle of the cube."""
+    metres = float(_pixel_metres(camera, _depths(camera, voxels).mean(keepdims=True))[0])
+    return resized(camera, min(1.0, metres / (pixel * voxels.cell)))
+
+
+def _pixel_metres(camera: Camera, depths: Float64) -> Float64:
+    """(n,) float64, metres: the edge of a pixel at depths (n,), metres."""
     scale = float(np.sqrt(abs(np.linalg.det(camera.intrinsics[:2, :2]))))
-    if not camera.orthographic:
-        scale /= max(float(_depths(camera, voxels).mean()), 1e-6)
-    return resized(camera, min(1.0, 1.0 / (scale * pixel * voxels.cell)))
+    return np.full(len(depths), 1.0 / scale) if camera.orthographic else np.maximum(depths, 1e-6) / scale
 
 
 def _depths(camera: Camera, voxels: Voxels) -> Float64:
     corners = np.stack(np.meshgrid(*[[0.0, voxels.count - 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     depths = project(camera, voxels.points(corners))[:, 2]
     near, far = depths.min(), depths.max()
-    return np.linspace(near, far, max(int(np.ceil(2.0 * (far - near) / voxels.cell)), 2))
+    return np.linspace(near, far, max(int(np.ceil((far - near) / voxels.cell)), 2))
 
 
 def _find_gaps(mesh: Mesh, voxels: Voxels, cone: Cone, head: Head) -> tuple[Float64, Float64, Float64, Camera] | None:
@@ -200,7 +242,7 @@ def _nearest_allowed(
     cones: Sequence[Cone],
     least: float = 0.0,
 ) -> tuple[Float64, Bools]:
-    """(n, 3) the point of each pixel's ray that is allowed and nearest to the depth wanted, and (n,) if there is one."""
+    """(n, 3) the point of each pixel's ray that is allowed and nearest to the depth wanted; (n,) if there is one."""
     depths = _depths(camera, voxels)
     along = np.repeat(pixels, len(depths), axis=0)
     points = unproject(camera, along, np.tile(depths, len(pixels)))

@@ -15,7 +15,7 @@ from ..progress import NO_PROGRESS, Progress, subrange
 from ..types import Bools, Float32, Float64, Head, Mesh, StrandSet, check_array
 from .clipping import clip_shape
 from .deformation import DeformationParams, Displacement, deform_to_masks
-from .hull import Cone, allowed_distance, fill_rims, grow, hull_box, make_cones, seen_hair, uncoverable, voxel_points
+from .hull import Cone, allowed_distance, grow, hull_box, make_cones, seen_hair, settle_rims, uncoverable, voxel_points
 from .solid import (
     Voxels,
     head_voxels,
@@ -186,13 +186,13 @@ def _fill_masks(
     scalp = _scalp_distance(head, voxels)
     inside = head_voxels(head, voxels)
     core = np.where(inside, np.float32(max(_SHELL, 3.0 * voxels.cell)), np.float32(params.scalp_layer)) - scalp
-    field = fill_rims(np.maximum(field, core), allowed, voxels.cell, 2.0)
+    field = np.maximum(field, core)
     for number in range(params.growth_rounds):
         progress(number / params.growth_rounds, "filling the masks")
-        for view in range(len(cones)):
-            field = grow(field, allowed, voxels, view, cones, head)
-        smooth = gaussian_filter(np.clip(field, -3.0 * voxels.cell, 3.0 * voxels.cell), 1.0)
-        field = fill_rims(smooth, allowed, voxels.cell, 0.7)
+        field = np.minimum(settle_rims(field, voxels, cones, head), allowed)
+        field = grow(field, allowed, voxels, cones, head)
+        field = gaussian_filter(np.clip(field, -4.0 * voxels.cell, 4.0 * voxels.cell), 1.0)
+    field = np.minimum(settle_rims(field, voxels, cones, head), allowed)
     return surface(without_specks(field), voxels), voxels
 
 
