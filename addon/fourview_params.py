@@ -65,7 +65,12 @@ class HairGrowthSettings(ParamsGroup, bpy.types.PropertyGroup):
         description="Strands that follow the directions themselves; all others are blended of them",
     )  # fmt: skip
     n_strands: IntProperty(
-        name="Strands", default=30_000, min=1, soft_max=100_000, max=5_000_000, description="Strands in all"
+        name="Strands",
+        default=30_000,
+        min=1,
+        soft_max=100_000,
+        max=5_000_000,
+        description="Strands in all, guides included",
     )
     n_points: IntProperty(
         name="Points per Strand", default=32, min=4, soft_max=128, max=1000, description="Points of each strand"

@@ -340,8 +340,8 @@ def test_strokes_lie_on_the_hair_and_reach_the_job(tmp_path, monkeypatch):
     asked = answers(monkeypatch)
     run_stages("shape", "texture")
     width, height = small.SIZE
-    centre = (0.5 * width, 0.25 * height)
-    stroke([centre, (centre[0], centre[1] + 12)])
+    centre = (0.5 * width, 0.31 * height)  # of the upper half of the ball, where the shape is
+    stroke([centre, (centre[0], centre[1] + 9)])
     bridge = scenes.module("bridge.fourview")
     line = bridge.strokes_in_world(bpy.context)[0]
     # drawn on the front, so before the ball, 2 mm off it; from above down
@@ -351,7 +351,7 @@ def test_strokes_lie_on_the_hair_and_reach_the_job(tmp_path, monkeypatch):
     run_stages("directions")
     found = asked["four_view_directions"][0]["strokes"]
     assert len(found) == 1
-    assert np.allclose(found[0].points, [centre, (centre[0], centre[1] + 12)])
+    assert np.allclose(found[0].points, [centre, (centre[0], centre[1] + 9)])
     assert np.array_equal(
         found[0].camera.world_to_camera, asked["four_view_directions"][0]["views"][0].camera.world_to_camera
     )
