@@ -16,7 +16,9 @@ REPAIRS = 4  # times that clusters in several parts are mended and relaxed again
 ITEMS_A_CLUSTER = 10  # a mesh with fewer vertices a cluster is subdivided first
 
 
-def cluster_evenly(points: Floats, weights: Floats, edges: Int32, n_clusters: int) -> Int32:
+def cluster_evenly(
+    points: Floats, weights: Floats, edges: Int32, n_clusters: int, max_sweeps: int = MAX_SWEEPS
+) -> Int32:
     """Part items into connected clusters of about equal weight, round ones where they can be.
 
     Minimises the sum over clusters of sum_j w_j |g_j|^2 - |sum_j w_j g_j|^2 / sum_j w_j by moving items over the
@@ -25,6 +27,7 @@ def cluster_evenly(points: Floats, weights: Floats, edges: Int32, n_clusters: in
     Parameters
     ----------
     points : (n, 3) float, metres. weights : (n,) float, above 0, the items' areas. edges : (E, 2) int32, neighbours.
+    max_sweeps : over all edges, between repairs of clusters in several parts.
 
     Returns
     -------
@@ -44,7 +47,7 @@ def cluster_evenly(points: Floats, weights: Floats, edges: Int32, n_clusters: in
     labels = _runs(centred, weight, n_clusters)
     for _ in range(REPAIRS):
         sums, counts = _sums(centred, weight, labels)
-        relax_clusters(centred, weight, edges, labels, sums, counts, MAX_SWEEPS)
+        relax_clusters(centred, weight, edges, labels, sums, counts, max_sweeps)
         if not _release_parts(weight, edges, labels):
             break
     return labels

@@ -17,6 +17,9 @@ from .atlas import make_atlas
 from .remeshing import SurfaceSnap, cluster_evenly, remesh, subdivide, vertex_normals
 from .texels import TexelMap, make_texel_map, texel_areas
 
+# clusters of texels are within 2 % of the energy of hexagons after so many sweeps, and within 1.7 % at rest
+VERTEX_SWEEPS = 8
+
 __all__ = ["HairSurface", "Level", "SurfaceParams", "TexelMap", "make_surface"]
 
 
@@ -175,7 +178,7 @@ def _make_level(texels: TexelMap, mesh: Mesh, corner_uv: Float32, across: Int32,
     m = params.patch_size
     n_vertices = max(round(texels.n_texels / (params.vertex_spacing * m) ** 2), min(4, texels.n_texels))
     areas = texel_areas(texels, mesh, corner_uv)
-    labels = cluster_evenly(texels.points, areas, texels.edges, n_vertices)
+    labels = cluster_evenly(texels.points, areas, texels.edges, n_vertices, VERTEX_SWEEPS)
     centres = _central_texels(texels.points, areas, labels)
     vertices, normals = texels.points[centres], texels.normals[centres]
     tangents, bitangents = tangent_frames(normals)
@@ -230,8 +233,9 @@ def _one_rings(
     count = len(vertices)
     ends = labels[edges]
     ends = ends[ends[:, 0] != ends[:, 1]].astype(np.int64)
-    keys = np.unique(np.concatenate([ends[:, 0] * count + ends[:, 1], ends[:, 1] * count + ends[:, 0]]))
-    one, other = keys // count, keys % count
+    keys = np.unique(ends.min(axis=1) * count + ends.max(axis=1))
+    low, high = keys // count, keys % count
+    one, other = np.concatenate([low, high]), np.concatenate([high, low])
     step = vertices[other] - vertices[one]
     angle = np.arctan2(np.einsum("nc,nc->n", step, bitangents[one]), np.einsum("nc,nc->n", step, tangents[one]))
     order = np.lexsort((angle, one))

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ..errors import require
 from ..types import Bools, Float32, Int32, Mesh, check_array
-from ._texel_kernels import accept_links, chart_links, draw_triangles, place_texels, resample_values, write_edges
+from ._texel_kernels import accept_links, chart_links, draw_triangles, place_texels, write_edges
 
 LONGEST_STEP = 4.0  # texel spacings between neighbours of one chart: farther apart, two parts of a chart touch
 SEAM_REACH = 2.0  # texel spacings over which texels of two sides of a seam are linked
@@ -166,32 +165,3 @@ def texel_areas(texels: TexelMap, mesh: Mesh, corner_uv: Float32) -> Float32:
     flat = np.abs(u[:, 0].astype(np.float64) * v[:, 1] - u[:, 1].astype(np.float64) * v[:, 0])
     scale = np.linalg.norm(cross, axis=1) / np.maximum(flat, 1e-30) / texels.size**2
     return np.asarray(scale[texels.triangle], np.float32)
-
-
-def transfer_values(values: Float32, source: TexelMap, target: TexelMap) -> Float32:
-    """(T', c) float32: values (T, c) of one scale of an atlas on the texels of another, bilinear within charts.
-
-    Texels with no source texel of their chart around them take the nearest in space.
-    """
-    check_array("values", values, np.float32, (source.n_texels, None))
-    result = np.empty((target.n_texels, values.shape[1]), np.float32)
-    missed = np.empty(target.n_texels, np.bool_)
-    reach = LONGEST_STEP * max(source.spacing, target.spacing)
-    resample_values(
-        source.grid(), source.points, values, target.texels, target.size, target.points, reach, result, missed
-    )
-    if missed.any():
-        _, nearest = cKDTree(source.points).query(target.points[missed], workers=1)
-        result[missed] = values[nearest]
-    return result
-
-
-def to_image(values: Float32, texels: TexelMap) -> Float32:
-    """(size, size, c) float32: the texture of values (T, c); outside the charts that of the nearest texel."""
-    check_array("values", values, np.float32, (texels.n_texels, None))
-    grid = texels.grid()
-    outside = (grid < 0).astype(np.uint8)
-    _, labels = cv2.distanceTransformWithLabels(outside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-    texel_of_label = np.zeros(int(labels.max()) + 1, np.int64)
-    texel_of_label[labels[grid >= 0]] = grid[grid >= 0]
-    return np.asarray(values[texel_of_label[labels]], np.float32)

@@ -7,7 +7,6 @@ from hairloom.errors import Cancelled, InputError
 from hairloom.fourview.atlas import make_atlas
 from hairloom.fourview.remeshing import remesh, vertex_areas
 from hairloom.fourview.surface import SurfaceParams, make_surface, scan_order, tangent_frames
-from hairloom.fourview.texels import to_image, transfer_values
 from hairloom.types import Mesh
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -208,30 +207,6 @@ def test_what_lies_beyond_the_boundary_is_missing(surface):
     distance, _ = cKDTree(rim).query(centres)
     reach = 0.75 * level.patch_size * level.texels.spacing
     assert (distance < reach + 0.004).all() and len(centres) > 50
-
-
-def test_transfer_between_scales(surface):
-    coarse, fine = surface.levels[1].texels, surface.levels[2].texels
-    values = transfer_values(coarse.points, coarse, fine)
-    error = np.linalg.norm(values - fine.points, axis=1) / coarse.spacing
-    # linear inside charts; at their borders the texel beside is taken
-    assert np.median(error) < 0.05 and error.max() < 2
-    assert np.array_equal(transfer_values(fine.points, fine, fine), fine.points)
-
-
-def test_image_fills_gutters_with_the_nearest_texel(surface):
-    texels = surface.levels[0].texels
-    image = to_image(texels.points, texels)
-    assert image.shape == (128, 128, 3)
-    np.testing.assert_array_equal(image.reshape(-1, 3)[texels.texels], texels.points)
-    grid = texels.grid()
-    rows, columns = np.nonzero(grid < 0)
-    places = np.stack([texels.texels // 128, texels.texels % 128], axis=1)
-    least, _ = cKDTree(places).query(np.stack([rows, columns], axis=1))
-    lookup = {point.tobytes(): place for point, place in zip(texels.points, places)}
-    taken = np.array([lookup[image[r, c].tobytes()] for r, c in zip(rows, columns)])
-    # OpenCV's distances are chamfer sums, within 2 % of the true ones
-    assert (np.hypot(taken[:, 0] - rows, taken[:, 1] - columns) <= 1.05 * least + 1e-6).all()
 
 
 def test_the_same_bytes_again(shape, surface):
