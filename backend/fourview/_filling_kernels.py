@@ -169,7 +169,7 @@ def _off_mask(
     x, y, z = _to_pixel(turn, intrinsics, orthographic, point)
     height, width = away.shape
     column, row = min(max(math.floor(x), 0), width - 1), min(max(math.floor(y), 0), height - 1)
-    off = away[row, column]
+    off = float(away[row, column])
     beyond = max(max(-x, x - width), max(-y, y - height))
     if beyond > 0.0 and off > 0.0:
         off += beyond

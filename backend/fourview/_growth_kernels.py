@@ -90,7 +90,7 @@ def _field_step(values: Float64, heading: Float64, keep: float, out: Float64) ->
         return False
     for axis in range(3):
         out[axis] += keep * heading[axis]
-    return _unit(out) > 1e-6
+    return bool(_unit(out) > 1e-6)
 
 
 @device

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from ..errors import require
 from ..geometry.camera import in_picture, project
 from ..geometry.strand_raster import raster_strands
-from ..types import Float32, Float64, Floats, Head, StrandSet
+from ..types import Bools, Float32, Float64, Head, StrandSet
 from ._appearance_kernels import average_along
 from .views import View
 
@@ -42,7 +42,27 @@ class ColourParams:
 def strand_colours(
     strands: StrandSet, views: Sequence[View], head: Head, params: ColourParams = ColourParams()
 ) -> Float32:
-    """A colour for every point of the strands, from the photos.
+    """One colour for each strand, from the photos: the mean of `point_colours`, where photos show the strand if any do.
+
+    Returns
+    -------
+    (S, 3) float32 sRGB in [0, 1]. The same bytes for any number of threads.
+
+    Raises
+    ------
+    InputError : no views.
+    """
+    colours, weights = _coloured(strands, views, head, params)
+    starts = strands.offsets[:-1]
+    counts = (weights + np.float32(1e-6)).astype(np.float64)
+    total = np.add.reduceat(counts[:, None] * colours, starts, axis=0)
+    return np.asarray(total / np.add.reduceat(counts, starts)[:, None], np.float32)
+
+
+def point_colours(
+    strands: StrandSet, views: Sequence[View], head: Head, params: ColourParams = ColourParams()
+) -> Float32:
+    """A colour for every point of the strands, from the photos, for hair that changes colour along its length.
 
     Parameters
     ----------
@@ -51,12 +71,17 @@ def strand_colours(
 
     Returns
     -------
-    (P, 3) float32 sRGB in [0, 1]. The same bytes for any number of threads.
+    (P, 3) float32 sRGB in [0, 1].
 
     Raises
     ------
     InputError : no views.
     """
+    return _coloured(strands, views, head, params)[0]
+
+
+def _coloured(strands: StrandSet, views: Sequence[View], head: Head, params: ColourParams) -> tuple[Float32, Float32]:
+    """The points' colours (P, 3), and how well photos show each of them (P,)."""
     require(len(views) > 0, "there is no photo to take colours from; add one")
     total = np.zeros((len(strands.points), 3), np.float32)
     weight = np.zeros(len(strands.points), np.float32)
@@ -72,13 +97,7 @@ def strand_colours(
     smooth[near] = wide[near]
     hidden = (known < _UNSEEN) & (far < _UNSEEN)
     smooth[hidden] = _from_around(strands.points, smooth, ~hidden, hidden, _mean_colour(views))
-    return np.clip(smooth, 0.0, 1.0)
-
-
-def mean_colours(strands: StrandSet, colours: Float32) -> Float32:
-    """(S, 3) float32: the mean of each strand's point colours (P, 3)."""
-    sums = np.add.reduceat(colours.astype(np.float64), strands.offsets[:-1], axis=0)
-    return np.asarray(sums / strands.point_counts[:, None], np.float32)
+    return np.clip(smooth, 0.0, 1.0), weight
 
 
 def _from_view(strands: StrandSet, view: View, head: Head, depth: float) -> tuple[Float32, Float32]:
@@ -118,7 +137,7 @@ def _average_along(strands: StrandSet, colours: Float32, weights: Float32, sprea
     return out, out_weights
 
 
-def _from_around(points: Float32, colours: Float32, known: Floats, hidden: Floats, fallback: Float64) -> Float32:
+def _from_around(points: Float32, colours: Float32, known: Bools, hidden: Bools, fallback: Float64) -> Float32:
     """(n, 3) colours of hidden points (P,) bool from the cells around with points whose colour is known."""
     if not hidden.any():
         return np.empty((0, 3), np.float32)

@@ -43,9 +43,9 @@ def add_detail(
     """Give the waves of strands the depth of helices (Z-23).
 
     Each strand is cut where its normals, looked up in the volume, leave their average by 25 degrees. In the plane
-    across a segment's average normal the strand waves around its middle line; from each extremum to the next it is half a turn
-    of a helix, whose radius is fitted by least squares (M-40). The turning angle runs on through all half turns, and
-    radii change steadily from one to the next, so that a strand keeps its handedness and has no corners.
+    across a segment's average normal the strand waves around its middle line; from each extremum to the next it is half
+    a turn of a helix, whose radius is fitted by least squares (M-40). The turning angle runs on through all half turns,
+    and radii change steadily from one to the next, so that a strand keeps its handedness and has no corners.
 
     Parameters
     ----------

@@ -248,6 +248,11 @@ def surface_samples(surface: Mesh, params: GrowthParams) -> Float32:
     return scatter_roots(whole, whole.scalp, 2 * params.n_guides, params.seed, iterations=10).points
 
 
+def share_bare(surface: Mesh, space: HairSpace, guides: Float32, params: GrowthParams) -> float:
+    """Share of the outer surface that no guide (G, N, 3) passes within 12 mm along the field."""
+    return float(_bare(surface_samples(surface, params), space, guides).mean())
+
+
 def _bare(samples: Float32, space: HairSpace, guides: Float32) -> Bools:
     """(n,) whether no guide (G, N, 3) passes a place of the surface along the field."""
     if len(guides) == 0 or len(samples) == 0:

@@ -102,7 +102,7 @@ def _as_head(mesh: Mesh) -> Head:
 
 
 def _nodes(size: tuple[int, int, int], origin: Float64, cell: float) -> Float64:
-    return np.stack(np.meshgrid(*[np.arange(n) for n in size], indexing="ij"), axis=-1) * cell + origin
+    return np.asarray(np.stack(np.meshgrid(*[np.arange(n) for n in size], indexing="ij"), axis=-1) * cell + origin)
 
 
 def _on_nodes(collider: Collider, origin: Float64, cell: float, size: tuple[int, int, int]) -> Float32:
@@ -121,7 +121,7 @@ def _unsigned(mesh: Mesh, origin: Float64, cell: float, wanted: Bools) -> Float3
 
     def exact(nodes: Indices) -> Float32:
         squares, _, _ = tree.squared_distance(vertices, triangles, nodes * cell + origin)
-        return np.minimum(np.sqrt(np.atleast_1d(squares)), _FAR).astype(np.float32)
+        return np.asarray(np.minimum(np.sqrt(np.atleast_1d(squares)), _FAR), np.float32)
 
     around = ndimage.binary_dilation(wanted, np.ones((3, 3, 3)))
     coarse = np.full([(n + 1) // 2 for n in wanted.shape], _FAR, np.float32)
