@@ -8,9 +8,15 @@ from .editing.comb import comb
 from .editing.flow import FlowSession, extract_flow
 from .editing.object_space import return_to_object
 from .editing.strokes import MODES, CombParams, Stroke, View
+from .fourview.poisson import PoissonSolver, blend_views
+from .fourview.projection import initial_texture, project_views
+from .fourview.remeshing import cluster_evenly
+from .fourview.surface import SurfaceParams, make_surface
+from .fourview.views import View as Photo
+from .geometry.camera import standard_camera
 from .geometry.cleanup import clean_up
 from .geometry.collider import comb_collider
-from .geometry.head import default_head
+from .geometry.head import default_head, submesh
 from .geometry.roots import scatter_roots
 from .geometry.scalp_space import fit_scalp_space, unroot_strands
 from .geometry.strands import select_strands
@@ -32,7 +38,7 @@ from .synthesis.details import reduce_details
 from .synthesis.hierarchy import HierarchyParams
 from .synthesis.pipeline import SynthesisParams, analyze, place_roots, synthesize
 from .synthesis.wisps import WispParams
-from .types import Head, StrandSet
+from .types import Head, Mesh, StrandSet
 
 
 def compile_all(progress: Progress = NO_PROGRESS) -> int:
@@ -66,6 +72,7 @@ def compile_all(progress: Progress = NO_PROGRESS) -> int:
     _comb_in_all_modes(strands, head)
     progress(0.99, "Compiling: followers")
     _follow(strands, head)
+    _lay_texture(head)
     return sum(bool(kernel.dispatcher.signatures) for kernel in KERNELS)
 
 
@@ -128,3 +135,18 @@ def _follow(strands: StrandSet, head: Head) -> None:
     points = np.empty_like(strands.points)
     interpolate(followers, *evaluate(helices, params.n_samples), points, roots=np.eye(4)[None, :3])
     keep_out(followers, points, [solid], rest_depths(followers, [solid]))
+
+
+def _lay_texture(head: Head) -> None:
+    """Atlas, texels and patches on the scalp, one photo on them with a hole, blended and solved."""
+    scalp = submesh(head, head.scalp)
+    mesh = Mesh(scalp.vertices, scalp.triangles)
+    texels = make_surface(mesh, SurfaceParams(64, 1, atlas_vertices=100, subdivisions=0)).levels[0].texels
+    camera = standard_camera("back", scalp.vertices.mean(axis=0), 200.0, (64, 64))
+    photo = Photo("back", np.zeros((64, 64, 3), np.uint8), np.ones((64, 64), np.bool_), camera)
+    seen = project_views(texels, [photo], mesh)
+    colours = initial_texture(texels, seen, [photo])
+    blended, gradients = blend_views(colours[None], seen.alpha, texels.edges)
+    PoissonSolver(texels.edges, texels.n_texels).solve(blended, gradients)
+    # a cluster in two parts
+    cluster_evenly(np.eye(4, 3), np.ones(4), np.array([[0, 1], [2, 3]], np.int32), 1)
