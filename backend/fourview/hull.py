@@ -22,8 +22,9 @@ _GROWN = 2.0  # voxels, half the thickness of what is grown
 _BOX_SAMPLES = 40  # along each side of a box whose allowed part is wanted
 _DEPTH_BLUR = 3.0  # pixels, of the depths that are wanted in a gap
 _RIM = 6.0  # voxels from a border up to which settle_rims moves the surface
-_MOST_MOVE = 4.0  # voxels, the furthest it moves it
+_MOST_MOVE = 2.5  # voxels, the furthest it moves it at once: less than signed distances reach
 _MOVE_BLUR = 1.5  # pixels
+_TEST_PIXEL = 3.0  # voxels, a pixel's edge in the pictures in which masks are compared with each other
 _PIXEL = 1.0  # voxels, a pixel's edge in the pictures in which growing looks for gaps
 
 
@@ -160,17 +161,20 @@ def _rim_moves(mesh: Mesh, cone: Cone, camera: Camera, head: Head) -> tuple[Floa
     return cv2.GaussianBlur(moves[nearest[0], nearest[1]], (0, 0), _MOVE_BLUR), inside
 
 
-def grow(field: Float32, allowed: Float32, voxels: Voxels, cones: Sequence[Cone], head: Head) -> Float32:
+def grow(
+    field: Float32, allowed: Float32, voxels: Voxels, cones: Sequence[Cone], head: Head, slack: float = 0.0
+) -> Float32:
     """The field with hair where a view has mask but no hair, as near in depth to the hair around as is allowed.
 
     field, allowed : (n, n, n) float32, metres, positive inside the hair, respectively inside all cones.
+    slack : metres, how far outside a cone hair may be.
     """
     mesh = surface(field, voxels)
     seeds: list[Float64] = []
     for cone in cones:
         gaps = _find_gaps(mesh, voxels, cone, head)
         if gaps is not None:
-            points, found = _nearest_allowed(*gaps, voxels, cones)
+            points, found = _nearest_allowed(*gaps, voxels, cones, -slack)
             seeds.append(voxels.indices(points[found]))
     places = np.concatenate(seeds) if seeds else np.empty((0, 3))
     if len(places) == 0:
@@ -182,17 +186,19 @@ def grow(field: Float32, allowed: Float32, voxels: Voxels, cones: Sequence[Cone]
     return np.maximum(field, np.minimum(allowed, added))
 
 
-def uncoverable(number: int, cones: Sequence[Cone], voxels: Voxels, others: Sequence[int]) -> float:
-    """Share of the mask of view `number` where no hair can be without being outside the masks of the views `others`."""
+def uncoverable(number: int, cones: Sequence[Cone], voxels: Voxels, others: Sequence[int], slack: float) -> float:
+    """Share of the mask of view `number` where no hair can be: it would be outside the masks of the views `others`.
+
+    slack : metres, how far outside a mask is let pass.
+    """
     cone = cones[number]
-    camera = _small_camera(cone.camera, voxels, 2.0)
+    camera = _small_camera(cone.camera, voxels, _TEST_PIXEL)
     rows, columns = np.nonzero(shrink_mask(cone.mask, camera.size))
     if len(rows) == 0:
         return 0.0
     pixels = np.stack([columns, rows], axis=1) + 0.5
     limit = np.full(len(pixels), np.inf)
     wanted = np.full(len(pixels), _depths(camera, voxels).mean())
-    slack = 0.5 * 2.0 * voxels.cell  # half of a pixel here
     _, found = _nearest_allowed(pixels, wanted, limit, camera, voxels, [cones[i] for i in others], -slack)
     return float(1.0 - found.mean())
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -30,6 +30,7 @@ from .views import MAX_VIEWS, View
 
 _MOST_STRANDS = 4000  # more do not change the volume
 _MARGIN = 8.0  # voxels around the hair: the blur must not reach the cube's sides
+_LET_OUT = (0.003, 0.006, 0.01, 0.015, 0.02, 0.03)  # metres
 _SHELL = 0.02  # metres, how deep below the scalp the hair's volume reaches: its inner side is in the head
 
 
@@ -43,6 +44,7 @@ class ShapeParams:
     scalp_layer : metres, least thickness of hair on the scalp where the masks allow it.
     growth_rounds : carvings and growings by the masks after the deformation.
     conflict : share of a mask that no shape can cover from which on a remark names the view.
+    exclusion : share from which on a view that alone contradicts the others is left out.
     """
 
     resolution: int = 100
@@ -52,6 +54,7 @@ class ShapeParams:
     scalp_layer: float = 0.004
     growth_rounds: int = 2
     conflict: float = 0.03
+    exclusion: float = 0.15
     deformation: DeformationParams = field(default_factory=DeformationParams)
 
     def __post_init__(self) -> None:
@@ -60,7 +63,8 @@ class ShapeParams:
         require(0 < self.tube <= self.gap <= 0.1, f"tube {self.tube} and gap {self.gap} m: 0 < tube <= gap <= 0.1")
         require(0 <= self.scalp_layer <= 0.05, f"the scalp layer is {self.scalp_layer} m; take 0 to 0.05")
         require(0 <= self.growth_rounds <= 20, f"{self.growth_rounds} rounds of growth; take 0 to 20")
-        require(0 < self.conflict <= 1, f"the conflict share is {self.conflict}; take more than 0, up to 1")
+        shares = f"conflict {self.conflict} and exclusion {self.exclusion}"
+        require(0 < self.conflict <= 1 and 0 < self.exclusion <= 1, f"{shares} are shares; take more than 0, up to 1")
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,17 +119,18 @@ def find_shape(
     coarse = Voxels(voxels.origin, 2.0 * voxels.cell, (voxels.count + 1) // 2)
     mesh = surface(np.ascontiguousarray(volume[::2, ::2, ::2]), coarse)
     held = HeadSurface(head).signed_distance(mesh.vertices) < -0.25 * _SHELL
-    deformed, displacement = deform_to_masks(
-        mesh, views, head, params.deformation, held=held, progress=subrange(progress, 0.15, 0.6)
-    )
-    progress(0.6, "filling the masks")
     cones = make_cones(views, head)
-    closed, final = _fill_masks(deformed, cones, head, params, subrange(progress, 0.6, 0.9))
+    vertices = mesh.vertices.astype(np.float64)
+    used, slack, remarks = _find_conflicts(cones, (vertices.min(axis=0), vertices.max(axis=0)), params)
+    fitted = [views[k] for k in used]
+    deformed, displacement = deform_to_masks(
+        mesh, fitted, head, params.deformation, held=held, progress=subrange(progress, 0.2, 0.5)
+    )
+    closed = _fill_masks(deformed, [cones[k] for k in used], slack, head, params, subrange(progress, 0.5, 0.9))
     progress(0.9, "clipping the shape")
-    opened = clip_shape(closed, views, head)
+    opened = clip_shape(closed, fitted, head)
     require(len(opened.triangles) > 0, "nothing of the shape is seen as hair; check the masks and cameras")
     iou = np.array([mask_overlap(cone, closed) for cone in cones])
-    remarks = _conflicts(cones, final, params.conflict)
     return RoughShape(closed, opened, carry_strands(strands, displacement), style, iou, remarks)
 
 
@@ -175,14 +180,14 @@ def _scalp_distance(head: Head, voxels: Voxels) -> Float32:
 
 
 def _fill_masks(
-    deformed: Mesh, cones: Sequence[Cone], head: Head, params: ShapeParams, progress: Progress
-) -> tuple[Mesh, Voxels]:
-    """The closed mesh after carving and growing the deformed one by the masks, and its voxels."""
+    deformed: Mesh, cones: Sequence[Cone], slack: float, head: Head, params: ShapeParams, progress: Progress
+) -> Mesh:
+    """The closed mesh after carving and growing the deformed one by the masks, let out by `slack`, metres."""
     vertices = deformed.vertices.astype(np.float64)
     low, high = hull_box(cones, vertices.min(axis=0), vertices.max(axis=0))
     voxels = voxels_around(low, high, params.resolution, 4.0)
     field = signed_distance(deformed, voxels)
-    allowed = allowed_distance(voxel_points(voxels), cones, voxels.cell).reshape(voxels.shape)
+    allowed = allowed_distance(voxel_points(voxels), cones, voxels.cell).reshape(voxels.shape) + np.float32(slack)
     scalp = _scalp_distance(head, voxels)
     inside = head_voxels(head, voxels)
     core = np.where(inside, np.float32(max(_SHELL, 3.0 * voxels.cell)), np.float32(params.scalp_layer)) - scalp
@@ -190,10 +195,10 @@ def _fill_masks(
     for number in range(params.growth_rounds):
         progress(number / params.growth_rounds, "filling the masks")
         field = np.minimum(settle_rims(field, voxels, cones, head), allowed)
-        field = grow(field, allowed, voxels, cones, head)
+        field = grow(field, allowed, voxels, cones, head, slack)
         field = gaussian_filter(np.clip(field, -4.0 * voxels.cell, 4.0 * voxels.cell), 1.0)
     field = np.minimum(settle_rims(field, voxels, cones, head), allowed)
-    return surface(without_specks(field), voxels), voxels
+    return surface(without_specks(field), voxels)
 
 
 def mask_overlap(cone: Cone, mesh: Mesh) -> float:
@@ -213,28 +218,40 @@ def carry_strands(strands: StrandSet, displacement: Displacement) -> StrandSet:
     return StrandSet(points, strands.offsets, dict(strands.point_attributes), dict(strands.strand_attributes))
 
 
-def _conflicts(cones: Sequence[Cone], voxels: Voxels, least: float) -> tuple[str, ...]:
-    """Remarks on views whose masks the others contradict."""
+def _find_conflicts(
+    cones: Sequence[Cone], box: tuple[Float64, Float64], params: ShapeParams
+) -> tuple[list[int], float, tuple[str, ...]]:
+    """Which views to fit the shape to, how far outside their masks it may be (metres), and remarks on conflicts.
+
+    A view that alone makes a large part of the masks impossible is left out when there are two or more others; for
+    smaller conflicts (cameras a little off) the masks are let out half-way.
+    """
     everyone = list(range(len(cones)))
-    shares = np.array([uncoverable(i, cones, voxels, everyone) for i in everyone])
-    if shares.max(initial=0.0) < least:
-        return ()
-    without = np.array(
-        [
-            max(
-                (uncoverable(i, cones, voxels, [j for j in everyone if j != k]) for i in everyone if i != k),
-                default=0.0,
-            )
-            for k in everyone
-        ]
-    )
-    blamed = np.flatnonzero(without <= without.min() + 0.25 * least)
+    voxels = voxels_around(*hull_box(cones, *box), params.resolution, 1.0)
+    slack = 2.0 * voxels.cell  # of the coarse pictures of this test
+
+    def worst(views: list[int], more: float = 0.0) -> float:
+        return max((uncoverable(i, cones, voxels, views, slack + more) for i in views), default=0.0)
+
+    share = worst(everyone)
+    if share < params.conflict:
+        return everyone, 0.0, ()
+    without = np.array([worst([i for i in everyone if i != k]) for k in everyone])
+    blamed = [k for k in everyone if without[k] <= without.min() + 0.25 * params.conflict]
     names = " and ".join(f"'{cones[k].name}'" for k in blamed)
-    worst = int(shares.argmax())
-    return (
-        f"no shape fills all masks: {shares[worst]:.0%} of the mask of view '{cones[worst].name}' is outside "
-        f"the others; check the mask and the camera of {names}",
-    )
+    remark = f"no shape fills all masks: {share:.0%} of one is outside the others; check the mask and camera of {names}"
+    if len(blamed) == 1 and len(cones) >= 3 and share > params.exclusion and without.min() < 0.4 * share:
+        left = [k for k in everyone if k not in blamed]
+        return left, _let_out(worst, left, params), (f"{remark}, which was left out of the shape",)
+    return everyone, _let_out(worst, everyone, params), (remark,)
+
+
+def _let_out(worst: Callable[[list[int], float], float], views: list[int], params: ShapeParams) -> float:
+    """Half of the least way, metres, by which all masks must be let out so that hardly any of one is impossible."""
+    for way in _LET_OUT:
+        if worst(views, way) < params.conflict:
+            return 0.5 * way
+    return 0.5 * _LET_OUT[-1]
 
 
 def _with_scalp(head: Head, strands: StrandSet) -> Head:

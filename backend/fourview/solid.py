@@ -14,7 +14,7 @@ from ..geometry.scalp_region import weld
 from ..types import Bools, Float32, Float64, Floats, Head, Mesh, StrandSet, check_array
 from ._solid_kernels import add_crossings
 
-_BAND = 3  # voxels from the surface up to which signed distances are exact
+_BAND = 4  # voxels from the surface up to which signed distances are exact
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ def head_voxels(head: Head, voxels: Voxels) -> Bools:
 
 
 def signed_distance(mesh: Mesh, voxels: Voxels) -> Float32:
-    """(n, n, n) float32, metres, positive inside; exact within 3 voxels of the closed mesh, +-3 voxels beyond."""
+    """(n, n, n) float32, metres, positive inside; exact within 4 voxels of the closed mesh, +-4 voxels beyond."""
     inside = mesh_voxels(mesh.vertices, mesh.triangles, voxels)
     near = binary_dilation(inside, iterations=_BAND) & ~binary_erosion(inside, iterations=_BAND, border_value=1)
     vertices, triangles = mesh.vertices.astype(np.float64), mesh.triangles.astype(np.int64)
