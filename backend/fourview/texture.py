@@ -40,6 +40,7 @@ class SurfaceTextureParams:
     rotation: float = float(np.pi / 15)  # the largest turn of a patch in its plane, radians (Z-16)
     scale: float = 1.1  # a patch is at most so much larger, or 2 - this as small (Z-16)
     screening: float = 0.1  # w_s, weight of colours against gradients; not stated in the paper
+    keep_angle: float = 1.3  # texels that no view sees within theta keep the photo that faces them most, up to here
     least_facing: float = 0.2  # a texel that no view faces by this cosine takes part of it from every view
     seed: int = 0
 
@@ -51,6 +52,7 @@ class SurfaceTextureParams:
         require(0 <= self.rotation <= np.pi, f"rotation is {self.rotation:g}; it must be 0 to pi")
         require(1 <= self.scale <= 1.9, f"scale is {self.scale:g}; it must be 1 to 1.9")
         require(self.screening > 0, f"screening is {self.screening:g}; it must be above 0")
+        require(0 <= self.keep_angle <= np.pi / 2, f"keep_angle is {self.keep_angle:g}; it must be 0 to pi / 2")
         require(0 < self.least_facing <= 1, f"least_facing is {self.least_facing:g}; it must be above 0, at most 1")
 
 
@@ -135,27 +137,43 @@ def synthesize_texture(
     initial = initial_texture(surface.levels[0].texels, on_texels[0], views)
     colour = np.clip(synthesis.run(initial, subrange(progress, 0.05, 1.0)), 0, 1)
     finest = on_texels[-1]
-    coverage = np.where(finest.seen, finest.facing, 0).max(axis=0).astype(np.float32)
+    kept = kept_texels(finest, params.keep_angle)
+    coverage = np.where(kept, finest.facing, 0).max(axis=0).astype(np.float32)
     texels = surface.levels[-1].texels
     return HairTexture(texels.size, texels.texels, colour, coverage)
+
+
+def kept_texels(on_texels: ViewsOnTexels, keep_angle: float) -> Bools:
+    """(n, T) bool, the texels whose photo is taken as it is in the result of a view.
+
+    S, as in the paper; and beyond it texels that are in no view's S, in the view that faces them most of those that see
+    them, up to `keep_angle` between normal and view. Without these the top of the head, which four level views see at
+    60 degrees, would be synthesised as if it were not in any photo. Source patches are of S alone.
+    """
+    lost = ~on_texels.seen.any(axis=0)
+    facing = np.where(on_texels.visible & lost, on_texels.facing, 0)
+    kept = on_texels.seen.copy()
+    best = facing.argmax(axis=0)
+    texels = np.flatnonzero(facing.max(axis=0) > np.cos(keep_angle) + 1e-6)
+    kept[best[texels], texels] = True
+    return kept
 
 
 class _Scale:
     """What one scale keeps through its iterations."""
 
-    def __init__(self, level: Level, sources: Sources, on_texels: ViewsOnTexels, weights: Float32) -> None:
+    def __init__(self, level: Level, sources: Sources, on_texels: ViewsOnTexels, weights: Float32, kept: Bools) -> None:
         self.level, self.sources, self.weights = level, sources, weights
         n_views, n_texels = weights.shape
         spacing = np.float32(level.texels.spacing)
         self._surface = level.vertices / spacing, level.normals, level.tangents, level.bitangents
         self._texels = level.texels.points / spacing, level.texels.normals
         self._offsets, self._members = patches_of_texels(level.patch_texels, n_texels)
-        self.needed: Bools = _with_neighbours(weights > 0, level.texels.edges) & ~on_texels.seen
+        self.needed: Bools = _with_neighbours(weights > 0, level.texels.edges) & ~kept
         self._wanted = [np.flatnonzero(row) for row in self.needed]
-        # the texels in S keep their photo's colours in the result of that view
         self.results = np.zeros((n_views, n_texels, 3), np.float32)
         for view in range(n_views):
-            where = np.flatnonzero(on_texels.seen[view])
+            where = np.flatnonzero(kept[view])
             pixels = sources.pixels(view, on_texels.pixels[view])
             sample_pixels(sources.image(view), sources.frames[view], pixels, where, self.results[view])
 
@@ -205,7 +223,7 @@ class _Synthesis:
         level, seen = self._levels[number], self._on_texels[number]
         sources = sources_at(self._photos, level.texels.spacing, level.patch_size, self._params.scale)
         weights = blend_weights(seen, self._params.least_facing)
-        scale = _Scale(level, sources, seen, weights)
+        scale = _Scale(level, sources, seen, weights, kept_texels(seen, self._params.keep_angle))
         pixels = np.stack([project(view.camera, level.vertices)[:, :2] for view in self._views])
         seed = self._params.seed + number
         matches = start_matches(level, sources, pixels, seen.seen, scale.needed, seed)
