@@ -69,10 +69,13 @@ def _centre_line(points: Floats, arcs: Float64, window: float, centre: Float64) 
 
 @device
 def _lateral(points: Floats, centre: Float64, averages: Float64, lateral: Float64, along: Float64) -> None:
-    """lateral (N,): offsets from the centre line, across it and the average normal; along (N,): the line's own arc."""
+    """lateral (N,): offsets from the centre line, across it and the average normal; along (N,): rising places on it.
+
+    A helix turns evenly along its axis, not along the arc of its picture: so a point's place is where it projects to.
+    """
     n_points = len(points)
     axis_x, axis_y, axis_z = 1.0, 0.0, 0.0
-    along[0] = 0.0
+    arc = 0.0
     for i in range(n_points):
         a, b = max(i - 1, 0), min(i + 1, n_points - 1)
         x, y, z = centre[b, 0] - centre[a, 0], centre[b, 1] - centre[a, 1], centre[b, 2] - centre[a, 2]
@@ -90,7 +93,14 @@ def _lateral(points: Floats, centre: Float64, averages: Float64, lateral: Float6
             step = 0.0
             for axis in range(3):
                 step += (centre[i, axis] - centre[i - 1, axis]) ** 2
-            along[i] = along[i - 1] + math.sqrt(step)
+            arc += math.sqrt(step)
+        size = max(math.sqrt(x * x + y * y + z * z), 1e-12)
+        ahead = (
+            (points[i, 0] - centre[i, 0]) * x + (points[i, 1] - centre[i, 1]) * y + (points[i, 2] - centre[i, 2]) * z
+        )
+        along[i] = arc + ahead / size
+        if i > 0:
+            along[i] = max(along[i], along[i - 1])
 
 
 @device

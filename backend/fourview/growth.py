@@ -17,7 +17,7 @@ from ..errors import InputError, require
 from ..fields.grid import DirectionGrid
 from ..geometry.head import HeadSurface
 from ..geometry.roots import scatter_roots
-from ..geometry.strands import from_dense, polyline_lengths
+from ..geometry.strands import from_dense, polyline_lengths, resample, select_strands
 from ..progress import NO_PROGRESS, Progress
 from ..types import Bools, Float32, Float64, Head, Int32, Mesh, StrandSet
 from ._growth_kernels import ROOTED, grow_backward, grow_forward, respace_lines
@@ -29,6 +29,8 @@ _ROUNDS = 4  # of covering: later ones see what earlier ones have covered
 _ALONG = 0.82  # cosine to the field within which a guide covers a place of the surface
 _DEPTH = 0.012  # metres under the surface within which a guide covers it
 _DESCENT = 0.1  # metres over the scalp after which a guide traced back goes down to it, at most
+_PRIOR_STRANDS, _PRIOR_POINTS = 4000, 24  # of the database's hair that are looked at for lengths
+_LENGTH_MARGIN = 0.01  # metres that any hair may be longer than the database's
 _JOIN = 0.01  # metres from a place of the surface to the hair that is traced from it, at most
 
 
@@ -40,6 +42,7 @@ class GrowthParams:
     n_strands: int = 30_000  # in all
     n_points: int = 32  # of each strand
     max_length: float = 1.0  # metres
+    length_slack: float = 1.3  # hair may be so much longer than the database's in the same place; 0: ignore that
     clearance: float = 0.001  # metres that hair keeps off the head
     n_blended: int = 4  # guides that a strand is blended of (M-39)
     shape_distance: float = 0.35  # in strand lengths: guides that differ more are not blended (M-39)
@@ -51,6 +54,7 @@ class GrowthParams:
         require(1 <= self.n_strands <= 5_000_000, f"n_strands is {self.n_strands}; it must be in 1..5000000")
         require(4 <= self.n_points <= 1000, f"n_points is {self.n_points}; it must be in 4..1000")
         require(0.001 <= self.max_length <= 10.0, f"max_length is {self.max_length} m; it must be in 0.001..10")
+        require(self.length_slack >= 0.0, f"length_slack is {self.length_slack}; it must be 0 or more")
         require(0.0 <= self.clearance <= 0.02, f"clearance is {self.clearance} m; it must be in 0..0.02")
         require(1 <= self.n_blended <= 8, f"n_blended is {self.n_blended}; it must be in 1..8")
         require(self.shape_distance > 0, f"shape_distance is {self.shape_distance}; it must be above 0")
@@ -101,7 +105,7 @@ def grow_guides(
     field = make_hair_space(volume, shape, head) if space is None else space
     surface = HeadSurface(head)
     allowed = head.scalp if region is None else region
-    tracer = _Tracer(field, surface, allowed, params)
+    tracer = _Tracer(field, surface, allowed, _Lengths(shape.strands, params), params)
     progress(0.2, "Guides from the scalp")
     n_first = max(int(_FROM_SCALP * params.n_guides), 1)
     points, normals = tracer.from_scalp(n_first)
@@ -130,8 +134,10 @@ def grow_guides(
 class _Tracer:
     """Traces guides in one space; keeps what all of them need."""
 
-    def __init__(self, space: HairSpace, surface: HeadSurface, region: Bools, params: GrowthParams) -> None:
-        self.space, self.surface, self.region, self.params = space, surface, region, params
+    def __init__(
+        self, space: HairSpace, surface: HeadSurface, region: Bools, lengths: _Lengths, params: GrowthParams
+    ) -> None:
+        self.space, self.surface, self.region, self.lengths, self.params = space, surface, region, lengths, params
         self.step = _STEP * space.cell
         self.longest = int(np.ceil(params.max_length / self.step)) + 2
         self.scalp = np.flatnonzero(region)
@@ -142,7 +148,7 @@ class _Tracer:
         normals = self.surface.normals_at(roots.triangles, roots.barycentric)
         upstream = self._upstream(roots.points)
         layers = np.random.default_rng(self.params.seed).uniform(0.85, 1.0, count)
-        lengths = np.full(count, self.params.max_length)
+        lengths = self.lengths.at_roots(roots.points)
         lines, counts, _ = self._forward(roots.points, normals, lengths, layers, upstream, True)
         return self._finish(lines, counts, normals)
 
@@ -153,11 +159,12 @@ class _Tracer:
         starts = places + inward * np.clip(at[:, SHAPE] + 0.5 * self.space.cell, 0.0, _JOIN)[:, None]
         random = np.random.default_rng(seed)
         over_scalp = random.uniform(0.0, _DESCENT, len(starts))
-        back, n_back, reason = self._backward(starts, over_scalp)
+        behind, beyond = self.lengths.around(places, random)
+        back, n_back, reason = self._backward(starts, behind, over_scalp)
         found = reason == ROOTED
-        back, n_back, starts = back[found], n_back[found], starts[found]
+        back, n_back, starts, beyond = back[found], n_back[found], starts[found], beyond[found]
         headings = self.space.at(starts)[:, 4:7]
-        lengths = np.maximum(self.params.max_length - n_back * self.step, self.step)
+        lengths = np.clip(self.params.max_length - n_back * self.step, self.step, beyond)
         layers, upstream = np.ones(len(starts)), np.zeros(len(starts))
         ahead, n_ahead, _ = self._forward(starts, headings, lengths, layers, upstream, False)
         lines, counts = _join(back, n_back, ahead, n_ahead)
@@ -208,12 +215,11 @@ class _Tracer:
         )  # fmt: skip
         return lines, counts, reasons
 
-    def _backward(self, starts: Float64, over_scalp: Float64) -> tuple[Float64, Int32, Int32]:
+    def _backward(self, starts: Float64, lengths: Float64, over_scalp: Float64) -> tuple[Float64, Int32, Int32]:
         lines, counts, reasons = self._room(len(starts))
         grow_backward(
-            np.ascontiguousarray(starts, np.float64), np.full(len(starts), 0.8 * self.params.max_length), self.step,
-            over_scalp, self.params.clearance, self.space.distances, self.space.directions, self.space.origin,
-            self.space.cell, lines, counts, reasons,
+            np.ascontiguousarray(starts, np.float64), lengths, self.step, over_scalp, self.params.clearance,
+            self.space.distances, self.space.directions, self.space.origin, self.space.cell, lines, counts, reasons,
         )  # fmt: skip
         return lines, counts, reasons
 
@@ -226,6 +232,38 @@ class _Tracer:
         respace_lines(lines, counts, points)
         good = polyline_lengths(points) > 4.0 * self.space.cell
         return points[good], np.asarray(normals[good], np.float32)
+
+
+class _Lengths:
+    """How long hair may be where it grows and where it is seen, by the database's hair in the same shape."""
+
+    def __init__(self, prior: StrandSet, params: GrowthParams) -> None:
+        self.most, self.slack = params.max_length, params.length_slack
+        self.known = prior.n_strands > 0 and self.slack > 0.0
+        if self.known:
+            some = np.linspace(0, prior.n_strands - 1, min(_PRIOR_STRANDS, prior.n_strands)).astype(np.int64)
+            points = resample(select_strands(prior, some), _PRIOR_POINTS)
+            self.lengths = polyline_lengths(points)
+            self.roots, self.points = cKDTree(points[:, 0]), cKDTree(points.reshape(-1, 3))
+
+    def at_roots(self, roots: Float32) -> Float64:
+        """(n,) metres, for strands from roots (n, 3)."""
+        if not self.known:
+            return np.full(len(roots), self.most)
+        _, near = self.roots.query(roots, k=min(8, len(self.lengths)))
+        typical = np.median(self.lengths[near.reshape(len(roots), -1)], axis=1)
+        return np.minimum(self.slack * typical + _LENGTH_MARGIN, self.most)
+
+    def around(self, places: Float32, random: np.random.Generator) -> tuple[Float64, Float64]:
+        """(n,), (n,) metres that hair at places (n, 3) runs at most until it turns to the scalp, and on to its tip."""
+        if not self.known:
+            return np.full(len(places), 0.8 * self.most), np.full(len(places), self.most)
+        _, near = self.points.query(places, k=8)
+        near = near.reshape(len(places), -1)
+        chosen = near[np.arange(len(near)), random.integers(0, near.shape[1], len(near))]
+        lengths = self.slack * self.lengths[chosen // _PRIOR_POINTS]
+        share = (chosen % _PRIOR_POINTS) / (_PRIOR_POINTS - 1.0)
+        return share * lengths, np.minimum((1.0 - share) * lengths + _LENGTH_MARGIN, self.most)
 
 
 def _join(back: Float64, n_back: Int32, ahead: Float64, n_ahead: Int32) -> tuple[Float64, Int32]:

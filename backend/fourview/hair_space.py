@@ -9,6 +9,7 @@ import igl
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from ..errors import require
 from ..fields.grid import DirectionGrid
@@ -21,6 +22,8 @@ _CELLS = 120
 _CELL_LIMITS = (0.002, 0.008)  # metres
 _MARGIN = 3  # cells around the shape and the scalp
 _EXACT = 2.5  # cells from a mesh within which its distance is not interpolated
+_NEAR_SCALP = 0.1  # metres: a shape farther from the scalp is no hair of this head
+_MOST_NODES = 2e6
 _FAR = 0.3  # metres: beyond, a distance says nothing but "far"
 Indices = NDArray[np.int64]
 SHAPE, HEAD, OUTER, SCALP = range(4)  # the columns of HairSpace.distances
@@ -71,7 +74,8 @@ def make_hair_space(volume: DirectionGrid, shape: HairShape, head: Head) -> Hair
 
     Raises
     ------
-    InputError : a volume without any direction, an empty shape, a head without scalp.
+    InputError : a volume without any direction, an empty shape, one that is nowhere near the scalp, a head without
+        scalp.
     """
     require(volume.space is None, "the volume of directions must be in world space")
     require(len(shape.closed.triangles) > 0, "the hair shape has no faces; make the shape again")
@@ -80,7 +84,13 @@ def make_hair_space(volume: DirectionGrid, shape: HairShape, head: Head) -> Hair
     scalp_corners = head.vertices[head.triangles[head.scalp]].reshape(-1, 3)
     corners = np.concatenate([shape.closed.vertices[shape.closed.triangles].reshape(-1, 3), scalp_corners])
     low, high = corners.min(axis=0).astype(np.float64), corners.max(axis=0).astype(np.float64)
+    gap, _ = cKDTree(shape.closed.vertices[::4]).query(scalp_corners[::3])
+    require(
+        gap.min() < _NEAR_SCALP,
+        "no hair can grow: the hair shape is nowhere near the scalp; move the cameras or the head",
+    )
     cell = float(np.clip((high - low).max() / _CELLS, *_CELL_LIMITS))
+    cell = max(cell, float(np.prod(high - low) / _MOST_NODES) ** (1.0 / 3.0))
     origin = low - _MARGIN * cell
     counts = np.ceil((high - low) / cell).astype(int) + 2 * _MARGIN + 1
     size = (int(counts[0]), int(counts[1]), int(counts[2]))
