@@ -13,6 +13,7 @@ from ._remeshing_kernels import grow_labels, label_parts, relax_clusters
 
 MAX_SWEEPS = 100
 REPAIRS = 4  # times that clusters in several parts are mended and relaxed again
+RIM_SAMPLES = 20000  # along the boundary of a surface that points are drawn to
 ITEMS_A_CLUSTER = 10  # a mesh with fewer vertices a cluster is subdivided first
 
 
@@ -180,9 +181,16 @@ class SurfaceSnap:
         self._triangles = np.ascontiguousarray(mesh.triangles, np.int64)
         self._tree = igl.AABB()
         self._tree.init(self._vertices, self._triangles)
-        ends = self._vertices[boundary_edges(mesh.triangles)]
-        share = np.linspace(0, 1, 8, endpoint=False)[:, None, None]
-        self._boundary = (ends[:, 0] + share * (ends[:, 1] - ends[:, 0])).reshape(-1, 3)
+        self._ends = self._vertices[boundary_edges(mesh.triangles)]
+        # samples along the boundary tell which of its edges is near; the place on that edge is exact
+        lengths = np.linalg.norm(self._ends[:, 1] - self._ends[:, 0], axis=1)
+        step = max(lengths.sum() / RIM_SAMPLES, 1e-12)
+        counts = np.ceil(lengths / step).astype(np.int64) + 1
+        self._edge_of_sample = np.repeat(np.arange(len(counts)), counts)
+        place = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        share = (place / np.repeat(counts - 1, counts).clip(1))[:, None]
+        start, end = self._ends[self._edge_of_sample, 0], self._ends[self._edge_of_sample, 1]
+        self._samples = cKDTree(start + share * (end - start)) if len(counts) else None
 
     def snap(self, mesh: Mesh, start: int = 0) -> Mesh:
         """The mesh with its vertices from number `start` on drawn to the surface, its boundary to the boundary."""
@@ -194,10 +202,15 @@ class SurfaceSnap:
         vertices[start:] = closest
         rim = np.unique(boundary_edges(mesh.triangles))
         rim = rim[rim >= start]
-        if len(rim) and len(self._boundary):
-            _, nearest = cKDTree(self._boundary).query(mesh.vertices[rim])
-            vertices[rim] = self._boundary[nearest]
+        if len(rim) and self._samples is not None:
+            vertices[rim] = self._on_boundary(mesh.vertices[rim].astype(np.float64), self._samples)
         return Mesh(vertices.astype(np.float32), mesh.triangles)
+
+    def _on_boundary(self, points: Float64, samples: cKDTree) -> Float64:
+        start, end = self._ends[self._edge_of_sample[samples.query(points)[1]]].transpose(1, 0, 2)
+        along = end - start
+        share = np.einsum("nc,nc->n", points - start, along) / np.maximum((along**2).sum(axis=1), 1e-30)
+        return np.asarray(start + share.clip(0, 1)[:, None] * along)
 
 
 def remesh(mesh: Mesh, n_vertices: int) -> Mesh:

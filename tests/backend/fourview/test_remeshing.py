@@ -6,6 +6,7 @@ import pytest
 from hair_shapes import RADII, compact, ellipsoid, hair_shape
 from hairloom.errors import InputError
 from hairloom.fourview.remeshing import (
+    SurfaceSnap,
     boundary_edges,
     cluster_evenly,
     mesh_edges,
@@ -141,6 +142,18 @@ def test_vertices_lie_on_the_surface_and_the_rim_on_the_rim(shape):
     samples = (ends[:, 0] + share * (ends[:, 1] - ends[:, 0])).reshape(-1, 3)
     distance = np.linalg.norm(coarse.vertices[rim][:, None] - samples, axis=2).min(axis=1)
     assert distance.max() < 8e-4  # half the step of the samples here on the longest edge, 11 mm
+
+
+def test_refining_does_not_fold_at_a_coarse_boundary():
+    """A square of two triangles: its boundary has four edges, each as long as many of the mesh that is drawn to it."""
+    square = compact(np.float64([[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]]), np.array([[0, 1, 2], [0, 2, 3]]))
+    coarse = remesh(square, 200)
+    fine = SurfaceSnap(square).snap(subdivide(coarse)[0], len(coarse.vertices))
+    corners = fine.vertices[fine.triangles].astype(np.float64)
+    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] / 2
+    assert (area >= 0).all()
+    # the four corners of the square are cut off
+    assert 0.995 * 0.01 < area.sum() <= 0.01 * (1 + 1e-6)
 
 
 def test_a_closed_mesh_and_one_that_must_be_subdivided_first():
