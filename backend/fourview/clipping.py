@@ -13,6 +13,7 @@ from ..geometry.head import HeadSurface
 from ..geometry.view_raster import raster_mesh, visible
 from ..types import Bools, Float32, Float64, Head, Int32, Mesh
 from .hull import inside_distance
+from .solid import scalp_centre
 from .views import View
 
 _SMALLEST_PART = 0.01  # of the area: smaller pieces of surface are left out
@@ -43,17 +44,6 @@ def clip_shape(mesh: Mesh, views: Sequence[View], head: Head, *, keep_seen: bool
     value = np.minimum(np.where(seen, margin, 1.0), outside_head + 0.5 * _TOLERANCE)
     vertices, triangles = cut_mesh(mesh.vertices.astype(np.float64), mesh.triangles[kept], value)
     return _large_parts(vertices, triangles)
-
-
-def scalp_centre(head: Head) -> Float64:
-    """(3,) float64, metres: the middle of the head's cranium, taken as the middle of the box around the scalp."""
-    used = head.vertices[head.triangles[head.scalp].ravel()] if head.scalp.any() else head.vertices
-    low, high = used.min(axis=0).astype(np.float64), used.max(axis=0).astype(np.float64)
-    # the scalp covers the upper side: the centre is as far below its top as it reaches sideways
-    radius = 0.5 * float(max(high[0] - low[0], high[1] - low[1]))
-    return np.array(
-        [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), max(high[2] - radius, 0.5 * (low[2] + high[2]))]
-    )
 
 
 def _outer(mesh: Mesh, centre: Float64) -> Bools:

@@ -18,10 +18,12 @@ from ..geometry.view_raster import raster_mesh
 from ..progress import NO_PROGRESS, Progress
 from ..types import Bools, Camera, Float64, Floats, Head, Mesh
 from .contours import match_outlines, outline, outward_normals, resample_closed
+from .solid import scalp_centre
 from .views import View
 
 _FACING = 0.5  # cosine between the normals of matched points, from which on a match counts
-_LATTICE = 48  # nodes along the longer side of a picture at which a warp is evaluated
+_BLEND = 0.06  # metres of depth around the head's middle over which the two warps of a view pass into each other
+_LATTICE = 40  # nodes along the longer side of a picture at which a warp is evaluated
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,22 +87,29 @@ class ThinPlateSpline:
 
 @dataclass(frozen=True, slots=True)
 class Warp:
-    """W_i: where a view wants points to move in its picture; a thin-plate spline, evaluated on a lattice.
+    """W_i: where a view wants points to move in its picture; thin-plate splines, evaluated on a lattice.
 
-    moves : (rows, columns, 2) float64, pixels. low : (2,), the pixel of node (0, 0). step : pixels between nodes.
+    The border of the hair on the head tells of the hair before the head alone, so there are two: one through all
+    landmarks, for points nearer than the middle of the head, and one through those on the border with the background.
+
+    before, behind : (rows, columns, 2) float64, pixels. low : (2,), the pixel of node (0, 0). step : pixels between
+    nodes. middle : metres, the depth of the head's middle.
     """
 
     camera: Camera
-    moves: Float64
+    before: Float64
+    behind: Float64
     low: Float64
     step: float
+    middle: float
 
     def targets(self, points: Float64) -> Float64:
         """(n, 3) float64, metres: points (n, 3), metres, moved in the plane of the picture, at their depth."""
         seen = project(self.camera, points)
         nodes = ((seen[:, :2] - self.low) / self.step)[:, ::-1].T
-        moves = [map_coordinates(self.moves[..., axis], nodes, order=1, mode="nearest") for axis in range(2)]
-        return unproject(self.camera, seen[:, :2] + np.stack(moves, axis=1), seen[:, 2])
+        share = np.clip(0.5 + (seen[:, 2:] - self.middle) / _BLEND, 0.0, 1.0)
+        moves = (1.0 - share) * _sampled(self.before, nodes) + share * _sampled(self.behind, nodes)
+        return unproject(self.camera, seen[:, :2] + moves, seen[:, 2])
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,11 +141,12 @@ class _Silhouette:
         self._head = np.isfinite(self._head_depth)
         self._diagonal = float(np.hypot(*self.camera.size))
         self._count = count
+        self.middle = float(project(view.camera, scalp_centre(head))[2])
         self._target = self._outline(self.mask, 2 * count)
         self._around = self._outline(self.mask | self._head, 2 * count)
 
-    def landmarks(self, mesh: Mesh, points: Float64) -> tuple[Float64, Float64]:
-        """(n, 2) places on the outline of the mesh as seen, and (n, 2) the moves to the mask's outline, pixels.
+    def landmarks(self, mesh: Mesh, points: Float64) -> tuple[Float64, Float64, Bools]:
+        """(n, 2) places on the mesh's outline as seen, (n, 2) their moves to the mask's, (n,) which border the head.
 
         Where the hair borders on the head in one of the two outlines and on the background in the other, or they face
         different ways, a pair says nothing. When most do, as for a ring of hair against an open one, the outlines of
@@ -149,16 +159,17 @@ class _Silhouette:
             target = match_outlines(own, self._target, self._diagonal)
             facing, wanted = outward_normals(own), outward_normals(target)
             sound = (facing * wanted).sum(axis=1) > _FACING
-            sound &= _at(self._head, own + 2.0 * facing) == _at(self._head, target + 2.0 * wanted)
+            on_head = _at(self._head, own + 2.0 * facing)
+            sound &= on_head == _at(self._head, target + 2.0 * wanted)
             if sound.mean() > 0.5:
-                return own[sound], (target - own)[sound]
+                return own[sound], (target - own)[sound], on_head[sound]
         own = self._outline(np.isfinite(depth) | self._head, self._count)
         if not (len(own) and len(self._around)):
-            return np.empty((0, 2)), np.empty((0, 2))
+            return np.empty((0, 2)), np.empty((0, 2)), np.empty(0, np.bool_)
         target = match_outlines(own, self._around, self._diagonal)
         # where both outlines are the head's there is no hair, and nothing to move
         matters = _near(seen, own) | _near(self.mask, target)
-        return own[matters], (target - own)[matters]
+        return own[matters], (target - own)[matters], np.zeros(int(matters.sum()), np.bool_)
 
     def _outline(self, region: Bools, count: int) -> Float64:
         curve = outline(region)
@@ -219,14 +230,25 @@ def _warps(
 ) -> tuple[Warp, ...]:
     warps = []
     for silhouette in silhouettes:
-        sources, moves = silhouette.landmarks(mesh, points)
+        sources, moves, on_head = silhouette.landmarks(mesh, points)
         if len(sources) >= 3:
-            warps.append(make_warp(silhouette.camera, sources, moves, points, params.warp_smoothing))
+            warps.append(make_warp(silhouette.camera, sources, moves, on_head, points, silhouette.middle, params))
     return tuple(warps)
 
 
-def make_warp(camera: Camera, sources: Float64, moves: Float64, points: Float64, smoothing: float) -> Warp:
-    """The warp with landmarks (n, 2) and their moves (n, 2), pixels, on a lattice around points (m, 3), metres."""
+def make_warp(
+    camera: Camera,
+    sources: Float64,
+    moves: Float64,
+    on_head: Bools,
+    points: Float64,
+    middle: float,
+    params: DeformationParams,
+) -> Warp:
+    """The warp with landmarks (n, 2) and their moves (n, 2), pixels, on a lattice around points (m, 3), metres.
+
+    on_head : (n,) bool, the landmarks on the border with the head. middle : metres, see Warp.
+    """
     seen = project(camera, points)[:, :2]
     seen = seen[np.isfinite(seen).all(axis=1)]
     low = np.minimum(seen.min(axis=0), sources.min(axis=0)) - 0.1 * max(camera.size)
@@ -234,11 +256,16 @@ def make_warp(camera: Camera, sources: Float64, moves: Float64, points: Float64,
     step = float((high - low).max()) / _LATTICE
     counts = np.ceil((high - low) / step).astype(np.int64) + 1
     nodes = np.stack(np.meshgrid(*(np.arange(n) * step for n in counts), indexing="xy"), axis=-1) + low
-    spline = ThinPlateSpline(sources, moves, smoothing)
-    values = spline(nodes.reshape(-1, 2)).reshape(nodes.shape)
-    # far from all landmarks the affine part runs away
-    furthest = 1.5 * float(np.abs(moves).max()) + 1e-9
-    return Warp(camera, np.clip(values, -furthest, furthest), low, step)
+
+    def lattice(chosen: Bools) -> Float64:
+        spline = ThinPlateSpline(sources[chosen], moves[chosen], params.warp_smoothing)
+        # far from all landmarks the affine part runs away
+        furthest = 1.5 * float(np.abs(moves[chosen]).max()) + 1e-9
+        return np.clip(spline(nodes.reshape(-1, 2)).reshape(nodes.shape), -furthest, furthest)
+
+    before = lattice(np.ones(len(sources), np.bool_))
+    parted = on_head.any() and (~on_head).sum() >= 3
+    return Warp(camera, before, lattice(~on_head) if parted else before, low, step, middle)
 
 
 class _ShapeSolver:
@@ -315,6 +342,11 @@ def _projections(warps: Sequence[Warp], points: Float64) -> tuple[Float64, Float
         system += flat
         right += np.einsum("nij,nj->ni", flat, warp.targets(points))
     return system, right
+
+
+def _sampled(lattice: Float64, nodes: Float64) -> Float64:
+    values = [map_coordinates(lattice[..., axis], nodes, order=1, mode="nearest") for axis in range(2)]
+    return np.stack(values, axis=1)
 
 
 def _bending(points: Float64, sources: Float64) -> Float64:

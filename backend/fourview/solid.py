@@ -142,3 +142,14 @@ def without_specks(field: Float32, smallest_share: float = 0.01) -> Float32:
     sizes[0] = 0
     small = (sizes < smallest_share * sizes.sum())[parts] & (parts > 0)
     return np.where(small, -field, field)
+
+
+def scalp_centre(head: Head) -> Float64:
+    """(3,) float64, metres: the middle of the head's cranium, taken as the middle of the box around the scalp."""
+    used = head.vertices[head.triangles[head.scalp].ravel()] if head.scalp.any() else head.vertices
+    low, high = used.min(axis=0).astype(np.float64), used.max(axis=0).astype(np.float64)
+    # the scalp covers the upper side: the centre is as far below its top as it reaches sideways
+    radius = 0.5 * float(max(high[0] - low[0], high[1] - low[1]))
+    return np.array(
+        [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), max(high[2] - radius, 0.5 * (low[2] + high[2]))]
+    )
