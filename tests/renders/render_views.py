@@ -17,12 +17,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import photo_scene
 from grooms import NAMES, ROOT, STARTER_STRANDS, VIEWS, Groom, load_groom
 from hairloom.errors import FileError, HairloomError
 from hairloom.geometry.strand_raster import marked_region, scalp_pixels
 from hairloom.io.bundle import write_bundle
 from hairloom.types import Float32
+from quick_photo import draw_view
 
 PLAIN = "0.86,0.87,0.88"  # sRGB, light
 
@@ -34,14 +34,20 @@ def render_groom(groom: Groom, folder: Path, arguments: argparse.Namespace) -> N
     write_bundle(folder / "truth.npz", {"strands": groom.strands, "head": groom.head, "cameras": groom.cameras})
     melanin = groom.melanin if arguments.melanin is None else arguments.melanin
     redness = groom.redness if arguments.redness is None else arguments.redness
-    scene = photo_scene.make_scene(groom, arguments.samples, melanin, redness, arguments.principled)
+    if not arguments.quick:
+        import photo_scene  # Blender is only needed here
+
+        scene = photo_scene.make_scene(groom, arguments.samples, melanin, redness, arguments.principled)
     rng = np.random.default_rng(arguments.seed)
     for view, camera in groom.cameras.items():
         start = time.perf_counter()
-        rendered = photo_scene.render_view(scene, camera)
+        if arguments.quick:
+            rendered, coverage = draw_view(groom, camera, melanin)
+        else:
+            rendered, coverage = photo_scene.render_view(scene, camera), photo_scene.render_coverage(scene, camera)
         shot = photo(rendered, arguments.background, arguments.blur, arguments.noise, rng)
         cv2.imwrite(str(folder / f"{view}.png"), shot[..., ::-1])
-        mask = marked_region(photo_scene.render_coverage(scene, camera), scalp_pixels(camera, groom.head))
+        mask = marked_region(coverage, scalp_pixels(camera, groom.head))
         cv2.imwrite(str(folder / f"{view}_mask.png"), mask.astype(np.uint8) * 255)
         print(f"{folder.name}/{view}: {time.perf_counter() - start:.1f} s, {mask.mean():.1%} hair", flush=True)
 
@@ -79,6 +85,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--size", type=int, default=800, help="pixels")
     parser.add_argument("--samples", type=int, default=12, help="a pixel")
     parser.add_argument("--principled", action="store_true", help="Principled Hair; slow, take 100 samples or more")
+    parser.add_argument("--quick", action="store_true", help="simple light instead of Cycles: a second a picture")
     parser.add_argument("--strands", type=int, default=STARTER_STRANDS, help="of a starter groom")
     parser.add_argument("--seed", type=int, default=0, help="of a starter groom's growth, and of the noise")
     parser.add_argument("--background", default=PLAIN, help="an image file, or a colour r,g,b in [0, 1]")
