@@ -31,14 +31,21 @@ def _move(sums: Float64, counts: Int32, labels: Int32, item: int, target: int, w
 
 @kernel
 def relax_clusters(
-    points: Floats, weights: Floats, edges: Int32, labels: Int32, sums: Float64, counts: Int32, max_sweeps: int
+    points: Floats,
+    weights: Floats,
+    edges: Int32,
+    labels: Int32,
+    sums: Float64,
+    counts: Int32,
+    changed: Int32,
+    max_sweeps: int,
 ) -> int:
     """Sweep over the edges (E, 2) and move items between clusters while that lowers the energy; returns the sweeps.
 
     points : (n, 3) around the origin. weights : (n,). Changed in place: labels (n,), sums (k, 4: weight, weighted
-    point) and counts (k,) of the clusters. An edge between clusters that rest since the last sweep is passed over.
+    point) and counts (k,) of the clusters, and the sweep in which each last changed (k,), at first 0, or -1 for a
+    cluster at rest. An edge between clusters that rest since the last sweep is passed over.
     """
-    changed = np.zeros(len(counts), np.int32)
     for sweep in range(1, max_sweeps + 1):
         n_moves = 0
         for edge in range(len(edges)):

@@ -46,11 +46,15 @@ def cluster_evenly(
     centred = np.ascontiguousarray(points - middle, np.float32)
     weight = np.ascontiguousarray(weights, np.float32)
     labels = _runs(centred, weight, n_clusters)
+    changed = np.zeros(n_clusters, np.int32)
     for _ in range(REPAIRS):
         sums, counts = _sums(centred, weight, labels)
-        relax_clusters(centred, weight, edges, labels, sums, counts, max_sweeps)
-        if not _release_parts(weight, edges, labels):
+        relax_clusters(centred, weight, edges, labels, sums, counts, changed, max_sweeps)
+        touched = _release_parts(weight, edges, labels)
+        if len(touched) == 0:
             break
+        changed = np.full(int(labels.max()) + 1, -1, np.int32)
+        changed[touched] = 0
     return labels
 
 
@@ -91,8 +95,8 @@ def _spread(values: NDArray[np.uint32]) -> NDArray[np.uint32]:
     return np.asarray(spread, np.uint32)
 
 
-def _release_parts(weights: Floats, edges: Int32, labels: Int32) -> bool:
-    """Give all but the heaviest part of each cluster to the neighbours, in place; false where there was nothing."""
+def _release_parts(weights: Floats, edges: Int32, labels: Int32) -> Int32:
+    """Give all but the heaviest part of each cluster to the neighbours, in place; returns the clusters that changed."""
     parts = np.empty_like(labels)
     label_parts(edges, labels, parts)
     heads = np.flatnonzero(parts == np.arange(len(parts), dtype=np.int32))
@@ -101,7 +105,7 @@ def _release_parts(weights: Floats, edges: Int32, labels: Int32) -> bool:
     first = np.ones(len(order), np.bool_)
     first[1:] = np.diff(labels[heads[order]]) != 0
     if first.all():
-        return False
+        return np.empty(0, np.int32)
     kept = np.zeros(len(parts), np.bool_)
     kept[heads[order[first]]] = True
     before = labels.copy()
@@ -112,7 +116,8 @@ def _release_parts(weights: Floats, edges: Int32, labels: Int32) -> bool:
     lost = labels < 0
     _, names = np.unique(parts[lost], return_inverse=True)
     labels[lost] = before.max() + 1 + names
-    return True
+    moved = labels != before
+    return np.unique(np.concatenate([labels[moved], before[moved]]))
 
 
 def mesh_edges(triangles: Int32) -> Int32:
