@@ -134,7 +134,7 @@ def look_through(context: bpy.types.Context) -> None:
     region_3d.view_perspective = "PERSP" if photo.is_perspective else "ORTHO"
     # Blender shows 72 mm / lens of the distance along the region's longer side
     narrow = min(region.width, region.height) / max(region.width, region.height, 1)
-    region_3d.view_distance = 1.1 * longest * context.space_data.lens / 72.0 / max(narrow, 0.2)
+    region_3d.view_distance = 1.2 * longest * context.space_data.lens / 72.0 / max(narrow, 0.2)
 
 
 def window_region(context: bpy.types.Context, event: bpy.types.Event) -> bpy.types.Region | None:

@@ -1,7 +1,7 @@
 """Handles on the plane of a photo in step Cameras: move, turn, scale, and tilt the direction of view.
 
 All lie in the picture's plane, so that they work while one looks through the photo; the arrows at the picture's middle
-move it, those at its right and upper border tilt it, the one at its corner scales it, the ring turns it.
+move it, those near its right and upper border tilt it, the one near its corner scales it, the ring turns it.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from mathutils import Matrix, Vector
 from .. import fourview
 from . import plane_moves
 
+_INSIDE = 0.75  # of half the picture: where handles near its border are
 _RED, _GREEN, _BLUE, _WHITE = (0.9, 0.25, 0.3), (0.45, 0.8, 0.2), (0.3, 0.55, 1.0), (0.9, 0.9, 0.9)
 _TO_X = Matrix(((0, 0, 1, 0), (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 0, 1)))  # a gizmo's z onto the plane's x
 _TO_Y = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
@@ -58,7 +59,7 @@ class HAIRLOOM_GGT_view_plane(bpy.types.GizmoGroup):
         self._add("move_x", arrow, _RED, lambda v: plane_moves.moved(self.start, 0, v))
         self._add("move_y", arrow, _GREEN, lambda v: plane_moves.moved(self.start, 1, v))
         self._add("scale", arrow, _WHITE, lambda v: plane_moves.scaled(self.start, self.pivot, 1.0 + v / self.size))
-        # pulling the right border down to the left of the head looks more from the left
+        # pulled by the distance to the middle, the picture turns by a radian
         self._add("tilt_y", arrow, _BLUE, lambda v: plane_moves.tilted(self.start, self.pivot, 1, v / self.size))
         self._add("tilt_x", arrow, _BLUE, lambda v: plane_moves.tilted(self.start, self.pivot, 0, -v / self.size))
         self._add("turn", dial, _WHITE, lambda v: plane_moves.turned(self.start, self.pivot, v))
@@ -92,7 +93,8 @@ class HAIRLOOM_GGT_view_plane(bpy.types.GizmoGroup):
         plane = fourview.active_photo(context).plane
         place, turn, _ = fourview.matrix_of(plane).decompose()
         rigid = Matrix.LocRotScale(place, turn, None)
-        across, up = half_sizes(plane)
+        # within the picture, where it fills the view
+        across, up = (_INSIDE * half for half in half_sizes(plane))
         self.start, self.size = fourview.matrix_of(plane), max(across, up)
         self.pivot = Vector(fourview.head_middle(context) or place)
         places = {

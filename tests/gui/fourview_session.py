@@ -122,7 +122,10 @@ def photos_are_added(user: driver.User, folder: Path) -> driver.Steps:
         bpy.ops.hairloom.four_view_add_images(
             "EXEC_DEFAULT", True, directory=str(folder), files=files, filepath=str(folder / "front.png")
         )
-    project().shown = "ALL"
+        project().shown = "ALL"
+        for photo in project().photos:
+            photo.plane.select_set(True)
+        bpy.ops.view3d.view_selected()
     yield from user.picture("fourview_images")
     project().shown = "ACTIVE"
     yield from user.press("bpy.ops.hairloom.four_view_choose(")
