@@ -281,8 +281,8 @@ def curls() -> Iterator[Recipe]:
     yield Recipe("finger waves", ("wavy", "short", "side parting"), "big waves", finger, (), 18)
     perm = hanging("curly", "collar", curl=0.07, curl_pitch=0.24, wisps=900, thickness=0.5, lift=0.2, wander=25.0)
     yield Recipe("perm", ("curly", "volume", "medium"), "perm", perm, (puff(0.3),), 24)
-    yield Recipe("perm, long", ("curly", "volume", "long"), "perm", replace(perm, cut_height=-2.8, length=4.6, lift=0.05),
-                 (puff(0.2),), 24)  # fmt: skip
+    long_perm = replace(perm, cut_height=-2.8, length=4.6, lift=0.05)
+    yield Recipe("perm, long", ("curly", "volume", "long"), "perm", long_perm, (puff(0.2),), 24)
     yield Recipe("perm, fringe", ("curly", "volume", "fringe"), "perm", replace(perm, fringe_height=0.05),
                  (puff(0.3),), 24)  # fmt: skip
 

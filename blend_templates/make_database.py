@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import sys
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from zlib import crc32
@@ -27,12 +28,14 @@ from hairloom.geometry.strands import from_dense  # noqa: E402
 from hairloom.types import StrandSet  # noqa: E402
 from hairstyle_recipes import Recipe, recipes  # noqa: E402
 from hairstyle_shapes import Hair  # noqa: E402
+from hairstyle_variations import Variation, variations  # noqa: E402
 from styles import grow_style  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
 OUTPUT = HERE.parent / "backend" / "data" / "hairstyles.npz"
 N_POINTS = 40
 N_KEPT = 1100  # strands of an entry, at most
+N_VARIED = 900  # strands that variations are made from and of
 
 
 @cache
@@ -60,17 +63,28 @@ def grow_recipe(recipe: Recipe) -> StrandSet:
 
 
 def make_entry(name: str) -> Hairstyle:
-    """The entry of the recipe of this name."""
-    recipe = recipes_by_name()[name]
-    params = EntryParams(N_KEPT, recipe.n_points)
-    return make_hairstyle(
-        recipe.name, grow_recipe(recipe), head(), tags=recipe.tags, family=recipe.family, params=params
-    )
+    """The entry of the recipe or variation of this name."""
+    made = all_by_name()[name]
+    if isinstance(made, Variation):
+        strands = made.make(lambda base: grow_recipe(replace(recipe_named(base), n_strands=N_VARIED)), default_head())
+    else:
+        strands = grow_recipe(made)
+    params = EntryParams(N_KEPT, made.n_points)
+    return make_hairstyle(name, strands, head(), tags=made.tags, family=made.family, params=params)
 
 
 @cache
-def recipes_by_name() -> dict[str, Recipe]:
-    return {recipe.name: recipe for recipe in recipes()}
+def all_by_name() -> dict[str, Recipe | Variation]:
+    """Every hairstyle of the database, in its order."""
+    return {made.name: made for made in (*recipes(), *variations())}
+
+
+def recipe_named(name: str) -> Recipe:
+    """A grown hairstyle."""
+    found = all_by_name()[name]
+    if not isinstance(found, Recipe):
+        raise KeyError(name)
+    return found
 
 
 def main() -> None:
@@ -79,12 +93,12 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--only", default="", help="make again only the hairstyles whose name has this in it")
     options = parser.parse_args()
-    names = [name for name in recipes_by_name() if options.only in name]
+    names = [name for name in all_by_name() if options.only in name]
     with ProcessPoolExecutor(options.processes) as pool:
         styles = list(tqdm(pool.map(make_entry, names, chunksize=4), total=len(names)))
     if options.only and options.out.exists():
         made = {style.name: style for style in (*read_hairstyles(options.out), *styles)}
-        styles = [made[name] for name in recipes_by_name() if name in made]
+        styles = [made[name] for name in all_by_name() if name in made]
     write_hairstyles(options.out, styles)
     print(f"{options.out}: {len(styles)} hairstyles, {options.out.stat().st_size / 1e6:.2f} MB")
 

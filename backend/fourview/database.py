@@ -24,7 +24,7 @@ from ..types import Bools, Camera, Float32, Float64, Floats, Head, Int64, Strand
 from .database_files import Hairstyle, read_hairstyles
 from .database_fit import HeadFrame, fit_to_head, frame_of_head
 from .database_masks import CELL, CLOSING, COLUMNS, ROWS, backdrop, grid_camera, render_mask, view_grid
-from .views import MAX_VIEWS, View
+from .views import MAX_VIEWS, UInt8, View
 
 DATABASE_PATH = Path(__file__).parent.parent / "data" / "hairstyles.npz"
 
@@ -124,11 +124,11 @@ def distance_field(mask: Bools) -> Float32:
     inside = mask.astype(np.uint8)
     if mask.all() or not mask.any():
         return np.ones(mask.shape, np.float32)
-    field = np.where(mask, _to_nearest_zero(inside), _to_nearest_zero(1 - inside))
+    field = np.where(mask, _to_nearest_zero(inside), _to_nearest_zero((~mask).astype(np.uint8)))
     return np.asarray(field - 0.5, np.float32)
 
 
-def _to_nearest_zero(values: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> Float32:
+def _to_nearest_zero(values: UInt8) -> Float32:
     return np.asarray(cv2.distanceTransform(values, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), np.float32)
 
 
@@ -188,7 +188,7 @@ def _pixel_size(camera: Camera, frame: HeadFrame) -> float:
     """Head radii that a pixel measures at the middle of the head."""
     side = np.cross(view_direction(camera), [0.3, 0.5, 0.8])
     ends = project(camera, frame.centre + np.outer([-0.5, 0.5], side / np.linalg.norm(side)) * frame.radius)
-    return float(1.0 / max(np.linalg.norm(ends[1, :2] - ends[0, :2]), 1e-9))
+    return 1.0 / max(float(np.linalg.norm(ends[1, :2] - ends[0, :2])), 1e-9)
 
 
 def _score_all(database: HairDatabase, chosen: Int64, mask: Bools, camera: Camera, frame: HeadFrame) -> Float64:

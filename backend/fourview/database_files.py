@@ -28,7 +28,7 @@ from .views import UInt8
 
 FORMAT, VERSION = "hairloom-hairstyles", 1
 QUANTUM = 1.0 / 160.0  # head radii, 0.55 mm on a head of usual size
-_LARGEST = 60.0  # head radii; farther points are no hair, and differences of nearer ones fit into 16 bits
+_LARGEST = 50.0  # head radii; farther points are no hair, and second differences of nearer ones fit into 16 bits
 _MOST_STRANDS, _MOST_POINTS = 100_000, 1000
 
 
@@ -106,7 +106,7 @@ def order_of_roots(roots: Float32) -> NDArray[np.int64]:
     """(S,) neighbours after one another: strips along x, up and down along them by turns."""
     strip = np.floor(roots[:, 0] / 0.08).astype(np.int64)
     along = np.arctan2(roots[:, 2], -roots[:, 1]) * np.where(strip & 1, 1.0, -1.0)
-    return np.lexsort((along, strip))
+    return np.asarray(np.lexsort((along, strip)), np.int64)
 
 
 def write_hairstyles(path: str | os.PathLike[str], styles: Sequence[Hairstyle], source: str = "") -> None:

@@ -103,7 +103,7 @@ def frame_of_roots(roots: Floats) -> HeadFrame:
         residual = np.linalg.norm(local - solution[:3], axis=1) - size
         trust = 1.0 / (1.0 + (residual / (0.15 * size)) ** 2)
     require(
-        size < 4.0 and np.average(np.abs(residual), weights=trust) < 0.2 * size,
+        size < 4.0 and np.median(np.abs(residual)) < 0.12 * size,
         "the roots lie on no round head; give the head's mesh too",
     )
     centre, radius = middle + spread * solution[:3], spread * size
@@ -154,25 +154,38 @@ def fit_to_head(points: Float32, head: Head, frame: HeadFrame) -> tuple[Float32,
 
 
 def _leave_head(world: Float64, surface: HeadSurface, radius: float) -> Float64:
-    """Strands (S, N, 3), metres, with all points but the roots out of the head, far enough that chords are out too."""
+    """Strands (S, N, 3), metres, with all points but the roots out of the head, and their chords too.
+
+    A chord of a step dips by step^2 / 8 R below the arc of a head of radius R, so points keep that far off; where the
+    head is rounder, both ends of a chord that still dips move by what is missing.
+    """
     moved = world.copy()
-    low, high = surface.head.vertices.min(axis=0) - 0.01, surface.head.vertices.max(axis=0) + 0.01
     for _ in range(2):
         points = moved[:, 1:].reshape(-1, 3)
-        # a chord of a step dips by step^2 / 8 R below the arc of a head of radius R
         steps = np.linalg.norm(np.diff(moved, axis=1), axis=2)
         longest = np.maximum(steps, np.concatenate([steps[:, 1:], steps[:, -1:]], axis=1)).ravel()
         clearance = _CLEARANCE + np.minimum(longest**2 / (8.0 * 0.8 * radius), 0.05 * radius)
-        near = np.flatnonzero(((points > low) & (points < high)).all(axis=1))
-        depth = clearance[near] - surface.signed_distance(points[near])
-        near, depth = near[depth > 0], depth[depth > 0]
-        if len(near) == 0:
-            break
+        moved[:, 1:] = (points + _way_out(points, clearance, surface)).reshape(moved[:, 1:].shape)
+        middles = 0.5 * (moved[:, 2:] + moved[:, 1:-1]).reshape(-1, 3)
+        missing = _way_out(middles, np.full(len(middles), _CLEARANCE), surface).reshape(len(moved), -1, 3)
+        moved[:, 1:-1] += missing
+        moved[:, 2:] += missing
+    points = moved[:, 1:].reshape(-1, 3)
+    moved[:, 1:] = (points + _way_out(points, np.full(len(points), _CLEARANCE), surface)).reshape(moved[:, 1:].shape)
+    return moved
+
+
+def _way_out(points: Float64, clearance: Float64, surface: HeadSurface) -> Float64:
+    """(n, 3), metres: moves that bring points (n, 3) as far out of the head as their clearance (n,)."""
+    moves = np.zeros_like(points)
+    low, high = surface.head.vertices.min(axis=0) - 0.01, surface.head.vertices.max(axis=0) + 0.01
+    near = np.flatnonzero(((points > low) & (points < high)).all(axis=1))
+    near = near[surface.signed_distance(points[near]) < clearance[near]]
+    if len(near):
         closest, triangle, barycentric = surface.closest_points(points[near])
         normals = surface.normals_at(triangle, barycentric)
-        points[near] = closest + normals * clearance[near, None]
-        moved[:, 1:] = points.reshape(moved[:, 1:].shape)
-    return moved
+        moves[near] = closest + normals * clearance[near, None] - points[near]
+    return moves
 
 
 def _fade(height: Float64) -> Float64:
