@@ -93,7 +93,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--noise", type=float, default=0.0, help="standard deviation, steps of 255")
     parser.add_argument("--melanin", type=float, help="0 white .. 1 black; default: the groom's own")
     parser.add_argument("--redness", type=float, help="0 .. 1; default: the groom's own")
-    return parser.parse_args(argv)
+    return parser.parse_intermixed_args(argv)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
