@@ -11,10 +11,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 from hairloom.fourview.database import open_database
+from hairloom.fourview.database_fit import frame_of_head
 from hairloom.geometry.camera import orthographic_camera, view_direction
 from hairloom.geometry.head import default_head
-from hairloom.geometry.scalp_space import fit_scalp_space
 from hairloom.geometry.strand_raster import raster_strands
+from hairloom.geometry.strands import from_dense
 from hairloom.geometry.view_raster import raster_mesh
 from hairloom.types import Head, StrandSet
 from numpy.typing import NDArray
@@ -38,7 +39,7 @@ def tile(strands: StrandSet, head: Head, direction: tuple[float, float, float]) 
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     light = np.clip(normals @ -view_direction(camera), 0.0, 1.0)
     bare = skin.triangle >= 0
-    picture[bare] = (np.array([196.0, 205.0, 222.0]) * (0.45 + 0.55 * light[skin.triangle[bare]])[:, None])
+    picture[bare] = np.array([196.0, 205.0, 222.0]) * (0.45 + 0.55 * light[skin.triangle[bare]])[:, None]
     hair = raster_strands(camera, strands, head, width_px=1.6)
     shade = np.random.default_rng(0).uniform(0.55, 1.0, strands.n_strands)
     slope = 0.55 + 0.45 * np.abs(np.sin(hair.angle - 0.5))
@@ -58,10 +59,11 @@ def main() -> None:
     parser.add_argument("--labels", action="store_true", help="number each picture")
     options = parser.parse_args()
     database, head = open_database(options.database), default_head()
-    space = fit_scalp_space(head)
+    frame = frame_of_head(head)
     tiles = []
     for index in range(len(database)):
-        picture = tile(database.strands(index, head, space), head, VIEWS[options.view])
+        strands = from_dense(frame.to_world(database.styles[index].points()))
+        picture = tile(strands, head, VIEWS[options.view])
         if options.labels:
             cv2.putText(picture, str(index), (2, 9), cv2.FONT_HERSHEY_SIMPLEX, 0.32, (0, 0, 200), 1, cv2.LINE_AA)
         tiles.append(picture)
