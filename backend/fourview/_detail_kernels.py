@@ -156,7 +156,8 @@ def fit_half_turn(
     for i in range(len(lateral)):
         if along[i] < start or along[i] > end:
             continue
-        wave = sign * math.cos(math.pi * (along[i] - start) / (end - start))
+        # places that project back onto one another can make a half turn of no length
+        wave = sign * math.cos(math.pi * (along[i] - start) / max(end - start, 1e-12))
         n, c, cc, y, cy = n + 1.0, c + wave, cc + wave * wave, y + lateral[i], cy + wave * lateral[i]
     determinant = n * cc - c * c
     if n < 4.0 or determinant < 1e-3 * n * n:
