@@ -54,6 +54,7 @@ class HAIRLOOM_GGT_view_plane(bpy.types.GizmoGroup):
         self.size = 1.0
         self.pivot = Vector()
         self.values: dict[str, float] = {}
+        self.was_dragged = False
         arrow, dial = "GIZMO_GT_arrow_3d", "GIZMO_GT_dial_3d"
         self.handles: dict[str, Any] = {}
         self._add("move_x", arrow, _RED, lambda v: plane_moves.moved(self.start, 0, v))
@@ -76,6 +77,8 @@ class HAIRLOOM_GGT_view_plane(bpy.types.GizmoGroup):
         handle.color, handle.alpha = color, 0.8
         handle.color_highlight, handle.alpha_highlight = (1.0, 1.0, 0.6), 1.0
         handle.use_draw_modal = True
+        if hasattr(handle, "use_undo"):
+            handle.use_undo = False  # from 5.1 on; 4.5 knows none, so that `_push_undo` makes the step everywhere
         self.values[name] = 0.0
 
         def put(value: float) -> None:
@@ -89,8 +92,13 @@ class HAIRLOOM_GGT_view_plane(bpy.types.GizmoGroup):
 
     def draw_prepare(self, context: bpy.types.Context) -> None:
         if any(handle.is_modal for handle in self.handles.values()):
+            self.was_dragged = True
             return  # the frame of a drag stays as it was at its start
         plane = fourview.active_photo(context).plane
+        if self.was_dragged and fourview.matrix_of(plane) != self.start:
+            # a drag of a gizmo that sets by a function leaves no undo step of its own
+            bpy.app.timers.register(_push_undo, first_interval=0.0)
+        self.was_dragged = False
         place, turn, _ = fourview.matrix_of(plane).decompose()
         rigid = Matrix.LocRotScale(place, turn, None)
         # within the picture, where it fills the view
@@ -106,6 +114,13 @@ class HAIRLOOM_GGT_view_plane(bpy.types.GizmoGroup):
         for name, matrix in places.items():
             self.values[name] = 0.0
             self.handles[name].matrix_basis = rigid @ matrix
+
+
+def _push_undo() -> None:
+    windows = bpy.context.window_manager.windows
+    if windows:
+        with bpy.context.temp_override(window=windows[0]):
+            bpy.ops.ed.undo_push(message="Move Photo")
 
 
 register, unregister = bpy.utils.register_classes_factory([HAIRLOOM_GGT_view_plane])

@@ -144,9 +144,9 @@ def a_mask_from_scribbles(user: driver.User, folder: Path) -> driver.Steps:
         bpy.ops.wm.tool_set_by_id(name="hairloom.four_view_scribble_tool")
     truth = scenes.module("backend.io.images").read_mask(folder / "front_mask.png")
     rows, columns = np.nonzero(truth)
-    middle, top = float(np.median(columns)), float(rows.min())
-    along = np.linspace(-0.15 * np.ptp(columns), 0.15 * np.ptp(columns), 12)
-    hair = [(middle + dx, top + 12.0) for dx in along]
+    top = float(rows.min())
+    middle = float(columns[rows < top + 30].mean())
+    hair = [(middle + dx, top + 20.0) for dx in np.linspace(-20, 20, 12)]
     wall = [(4.0 + 12 * i, 6.0) for i in range(24)]
     yield from user.drag(pixels_on_screen(user, project().photos[0], hair))
     assert [one["kind"] for one in json.loads(project().photos[0].scribbles)] == ["hair"]
