@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from .errors import require
 from .fourview.database import open_database
 from .fourview.inputs import read_inputs
@@ -19,7 +21,7 @@ from .io.strands import write_strands
 from .io.units import Units
 from .progress import Progress
 from .registry import build_params
-from .types import Head
+from .types import Head, StrandSet
 
 Report = dict[str, Any]
 Clock = Callable[[str], None]
@@ -50,7 +52,7 @@ def _four_view(options: argparse.Namespace, clock: Clock, progress: Progress) ->
     result = model_hair(inputs.views, head, database, inputs.strokes, params, progress=stages)
     clock("write")
     units = Units.parse(options.out_units) if options.out_units else None
-    write_strands(options.out, result.strands, units=units)
+    write_strands(options.out, with_point_colours(result.strands), units=units)
     if options.texture is not None:
         write_image(options.texture, result.texture.image())
     if options.masks is not None:
@@ -64,6 +66,13 @@ def _four_view(options: argparse.Namespace, clock: Clock, progress: Progress) ->
 def with_scalp(head: Head) -> Head:
     """The head, its scalp guessed where none is marked."""
     return head if head.scalp.any() else guess_scalp(head)
+
+
+def with_point_colours(strands: StrandSet) -> StrandSet:
+    """The strands with their colours at the points too, where file formats keep them."""
+    colours = np.repeat(strands.strand_attributes["color"][:, :3], strands.point_counts, axis=0)
+    points = {**strands.point_attributes, "color": colours}
+    return StrandSet(strands.points, strands.offsets, points, strands.strand_attributes)
 
 
 class _StageProgress:

@@ -6,9 +6,11 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from ..errors import require
 from ..progress import NO_PROGRESS, Progress, subrange
-from ..types import Head, StrandSet
+from ..types import Float32, Head, StrandSet
 from .appearance import strand_colours
 from .database import HairDatabase, SearchParams, search
 from .detail import HelixDetailParams, add_detail
@@ -145,7 +147,13 @@ def hair_strands(
         progress(0.8, "Adding detail")
         strands = add_detail(strands, normal_volume(directions, shape, head, params.directions), params.detail)
     progress(0.9, "Taking colours from the photos")
-    colours = strand_colours(strands, views, head)
+    colours = linear_rgba(strand_colours(strands, views, head))
     return StrandSet(
         strands.points, strands.offsets, strands.point_attributes, {**strands.strand_attributes, "color": colours}
     )
+
+
+def linear_rgba(colours: Float32) -> Float32:
+    """(n, 4) float32, opaque and linear as renderers want them, of sRGB colours (n, 3) in [0, 1]."""
+    linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+    return np.concatenate([linear, np.ones((len(linear), 1))], axis=1).astype(np.float32)

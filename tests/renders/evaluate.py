@@ -97,26 +97,21 @@ def judge(strands: StrandSet, truth: StrandSet, views: Sequence[View], truth_hea
         numbers["orientation_median_deg"][view.name] = round(float(median), 2)
         numbers["orientation_mean_deg"][view.name] = round(float(mean), 2)
     scores = strand_scores(strands, truth, thresholds=THRESHOLDS)
-    numbers["scores"] = [[round(float(value), 4) for value in as_tuple(score)] for score in scores]
+    numbers["scores"] = [
+        [round(float(x), 4) for x in (score.precision, score.recall, score.f_score)] for score in scores
+    ]
     return numbers
 
 
-def as_tuple(score: Any) -> tuple[float, float, float]:
-    """Precision, recall and F of a score, whatever it comes as."""
-    if hasattr(score, "precision"):
-        return score.precision, score.recall, score.f_score
-    return tuple(score)[-3:]
-
-
-def picture(strands: StrandSet, views: Sequence[View], head: Head, shade: bool = True) -> np.ndarray:
-    """The photos above, drawn strands below: coloured by their own colours, or by direction in the picture."""
+def picture(strands: StrandSet, views: Sequence[View], head: Head) -> np.ndarray:
+    """The photos above, the strands below: in their own colours, varied a little, and by their angle in the picture."""
     rows = []
     for view in views:
         drawn = raster_strands(view.camera, strands, head)
         canvas = np.full((*view.mask.shape, 3), 235, np.uint8)
         hair = drawn.strand >= 0
         colours = np.asarray(strands.strand_attributes.get("color", np.full((strands.n_strands, 4), 0.3)))[:, :3]
-        shown = np.clip(colours, 0, 1) ** (1 / 2.2) if shade else np.clip(colours, 0, 1)
+        shown = np.clip(colours, 0, 1) ** (1 / 2.2)
         rng = np.random.default_rng(0)
         vary = rng.uniform(0.75, 1.2, strands.n_strands)[:, None]
         canvas[hair] = (np.clip(shown * vary, 0, 1) * 255).astype(np.uint8)[drawn.strand[hair]]
