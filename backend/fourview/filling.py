@@ -18,7 +18,7 @@ from ..geometry.head import HeadSurface
 from ..geometry.roots import scatter_roots
 from ..geometry.strands import from_dense, polyline_lengths
 from ..progress import NO_PROGRESS, Progress, subrange
-from ..types import Bools, Float32, Float64, Head, Int32, Mesh, StrandSet
+from ..types import Bools, Float32, Float64, Head, Int32, Int64, Mesh, StrandSet
 from ._filling_kernels import blend_guides, choose_blends, keep_in_shape, push_out
 from ._growth_kernels import follow_field
 from .growth import GrowthParams, Guides, grow_guides, surface_samples
@@ -28,6 +28,10 @@ from .views import View
 
 _NEAR = 10  # guides around a root that it may be copied from
 _SPARE = 1.06  # roots more than wanted: some grow nothing that lies in the masks
+_FIRST = 0.6  # share of the strands that are grown before it is known where hair is thin
+_THIN = (0.1, 6.0)  # limits of how much less and more a guide is needed where hair is dense and thin
+_LEAST_NEED = 0.25  # of a guide that covers nothing, in mean needs: hair under other hair
+_SHALLOW = 0.012  # metres under the surface within which hair covers it
 _SHORTEST = 0.004  # metres of hair that is worth keeping
 _FOLLOW = 0.8  # of the field in the direction of a strand between guides
 
@@ -82,25 +86,56 @@ def fill_strands(
     n_roots = int(np.ceil(_SPARE * params.n_strands))
     roots = scatter_roots(head, region, n_roots, params.seed + 1).points
     random = np.random.default_rng(params.seed + 2)
-    progress(0.3, "Strands between guides")
-    chosen, weights, primary = _choose(roots, guides, _needs(guides.points, shape.open, space, params), params, random)
-    frames = transport_frames(guides.points, guides.normals)
-    points = np.empty((len(roots), params.n_points, 3), np.float32)
-    blend_guides(roots, chosen, weights, guides.points, frames, points)
-    points[:, 0] = roots
-    progress(0.5, "Strands into the shape")
-    keep_in_shape(points, params.clearance, space.distances, space.directions, space.origin, space.cell)
-    follow_field(points, _FOLLOW, params.clearance, space.distances, space.directions, space.origin, space.cell)
-    keep_in_shape(points, params.clearance, space.distances, space.directions, space.origin, space.cell)
-    progress(0.6, "Strands into the masks")
-    limits = mask_limits(views, head)
-    bend_into_masks(points, limits, space, params.clearance, params.mask_margin)
-    push_out(points, params.clearance, space.solid.distance, space.solid.origin, space.solid.cell)
+    cover = _Cover(guides.points, shape.open, space, params)
+    points = np.empty((n_roots, params.n_points, 3), np.float32)
+    main = np.empty(n_roots, np.int32)
+    order = random.permutation(n_roots)
+    # the first ones show where hair is thin, and the others go there
+    parts = np.split(order, [int(_FIRST * n_roots)])
+    for number, part in enumerate(parts):
+        progress(0.2 + 0.3 * number, "Strands between guides")
+        part.sort()
+        points[part], main[part] = _between(roots[part], guides, cover.needs, space, params, random)
+        if number == 0:
+            cover.find_thin(points[part])
+    progress(0.7, "Strands into the masks")
+    _obey_masks(points, mask_limits(views, head), space, params)
     good = np.flatnonzero(polyline_lengths(points) >= _SHORTEST)
     if len(good) > params.n_strands:
         good = np.sort(random.choice(good, params.n_strands, replace=False))
     progress(1.0, "Strands")
-    return from_dense(points[good], {"guide": primary[good]})
+    return from_dense(points[good], {"guide": main[good]})
+
+
+def _between(
+    roots: Float32,
+    guides: Guides,
+    needs: Float64,
+    space: HairSpace,
+    params: GrowthParams,
+    random: np.random.Generator,
+) -> tuple[Float32, Int32]:
+    """Strands (S, N, 3) from roots (S, 3) between guides, inside the shape, along the field; and their main guides."""
+    chosen, weights, main = _choose(roots, guides, needs, params, random)
+    frames = transport_frames(guides.points, guides.normals)
+    points = np.empty((len(roots), params.n_points, 3), np.float32)
+    blend_guides(roots, chosen, weights, guides.points, frames, points)
+    points[:, 0] = roots
+    fields = (space.distances, space.directions, space.origin, space.cell)
+    keep_in_shape(points, params.clearance, *fields)
+    follow_field(points, _FOLLOW, params.clearance, *fields)
+    keep_in_shape(points, params.clearance, *fields)
+    return points, main
+
+
+def _obey_masks(points: Float32, limits: MaskLimits, space: HairSpace, params: GrowthParams) -> None:
+    """Bend and cut strands (S, N, 3) in place, and leave none in the head."""
+    solid = (space.solid.distance, space.solid.origin, space.solid.cell)
+    bend_into_masks(points, limits, space, params.clearance, params.mask_margin)
+    push_out(points, params.clearance, *solid)
+    # out of the head may be off a mask again
+    bend_into_masks(points, limits, space, params.clearance, params.mask_margin, rounds=0)
+    push_out(points, params.clearance, *solid)
 
 
 def _choose(
@@ -131,17 +166,43 @@ def _choose(
     return chosen, weights, primary
 
 
-def _needs(guides: Float32, surface: Mesh, space: HairSpace, params: GrowthParams) -> Float64:
-    """(G,) how much of the outer surface each guide is the nearest to, at least a little."""
-    samples = surface_samples(surface, params)
-    middles = 0.5 * (guides[:, 1:] + guides[:, :-1]).reshape(-1, 3)
-    owner = np.repeat(np.arange(len(guides)), guides.shape[1] - 1)
-    shallow = space.at(middles)[:, OUTER] < 0.012
-    needs = np.full(len(guides), 0.25)
-    if shallow.any() and len(samples):
-        _, index = cKDTree(middles[shallow]).query(samples)
-        needs += np.bincount(owner[shallow][index], minlength=len(guides)) * (len(guides) / len(samples))
-    return needs
+class _Cover:
+    """Which guide covers which place of the outer surface, and how much each guide is needed.
+
+    needs : (G,) how often a guide should be copied: by the surface that it is the nearest to, at least a little.
+    """
+
+    def __init__(self, guides: Float32, surface: Mesh, space: HairSpace, params: GrowthParams) -> None:
+        self.space = space
+        self.samples = surface_samples(surface, params)
+        self.owner = np.zeros(len(self.samples), np.int64)
+        self.n_guides = len(guides)
+        middles, guide = self._shallow(guides)
+        if len(middles):
+            _, index = cKDTree(middles).query(self.samples)
+            self.owner = guide[index]
+        self.needs = self._needs(np.ones(len(self.samples)))
+
+    def find_thin(self, strands: Float32) -> None:
+        """Let guides be needed more where strands (S, N, 3) leave the surface thinly covered, and less elsewhere."""
+        middles, strand = self._shallow(strands)
+        if len(middles) == 0:
+            return
+        lengths = polyline_lengths(strands)[strand]
+        _, sample = cKDTree(self.samples).query(middles)
+        density = np.bincount(sample, lengths, minlength=len(self.samples))
+        self.needs = self._needs(np.clip(np.median(density) / np.maximum(density, 1e-9), *_THIN))
+
+    def _needs(self, wanted: Float64) -> Float64:
+        share = np.bincount(self.owner, wanted, minlength=self.n_guides)
+        return np.asarray(share * (self.n_guides / len(self.samples)) + _LEAST_NEED)
+
+    def _shallow(self, strands: Float32) -> tuple[Float32, Int64]:
+        """Middles of segments near the outer surface, and their strands."""
+        middles = (0.5 * (strands[:, 1:] + strands[:, :-1])).reshape(-1, 3)
+        strand = np.repeat(np.arange(len(strands)), strands.shape[1] - 1)
+        near = self.space.at(middles)[:, OUTER] < _SHALLOW
+        return middles[near], strand[near]
 
 
 __all__ = ["GrowthParams", "MaskLimits", "fill_strands", "grow_strands"]

@@ -62,8 +62,18 @@ def mask_limits(views: Sequence[View], head: Head) -> MaskLimits:
     )  # fmt: skip
 
 
-def bend_into_masks(points: Float32, limits: MaskLimits, space: HairSpace, clearance: float, margin: float) -> Float64:
+def bend_into_masks(
+    points: Float32,
+    limits: MaskLimits,
+    space: HairSpace,
+    clearance: float,
+    margin: float,
+    *,
+    rounds: int = _ROUNDS,
+) -> Float64:
     """Bend strands (S, N, 3) in place into every mask, and cut what stays more than `margin` pixels off (Z-22).
+
+    rounds : of bending; 0 only cuts.
 
     Returns
     -------
@@ -74,7 +84,7 @@ def bend_into_masks(points: Float32, limits: MaskLimits, space: HairSpace, clear
         return kept
     keep_in_masks(
         points, limits.turns, limits.intrinsics, limits.orthographic, limits.away, limits.to_mask, limits.head_depth,
-        margin, _ROUNDS, clearance, space.distances, space.directions, space.origin, space.cell, kept,
+        margin, rounds, clearance, space.distances, space.directions, space.origin, space.cell, kept,
     )  # fmt: skip
     cut_strands(points, kept)
     return kept

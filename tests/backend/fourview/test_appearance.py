@@ -54,9 +54,9 @@ def test_visible_hair_has_the_photos_colours():
     shown = np.unique(np.concatenate([
         (raster := raster_strands(view.camera, strands, HEAD)).segment[raster.mask] for view in views
     ]))  # fmt: skip
-    # colours change by 0.06 over the 9 mm between points, two of which are averaged
-    assert np.median(error[shown]) < 0.03
-    assert np.percentile(error[shown], 95) < 0.12
+    # colours change by 0.06 over the 9 mm between points, two of which are averaged, and strands are drawn 4 mm wide
+    assert np.median(error[shown]) < 0.05
+    assert np.percentile(error[shown], 95) < 0.15
 
 
 def test_one_colour_a_strand_is_the_mean_of_what_is_seen():
