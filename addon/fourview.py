@@ -137,6 +137,17 @@ def look_through(context: bpy.types.Context) -> None:
     region_3d.view_distance = 1.2 * longest * context.space_data.lens / 72.0 / max(narrow, 0.2)
 
 
+def pixels_per_photo_pixel(context: bpy.types.Context) -> float:
+    """How large a pixel of the active photo is on the screen, in the 3D view that is drawn."""
+    photo, view = active_photo(context), context.region_data
+    if photo is None or photo.plane is None or photo.image is None or view is None:
+        return 1.0
+    size = photo.plane.empty_display_size * matrix_of(photo.plane).col[0].to_3d().length
+    metres = size / max(*photo.image.size, 1)
+    per_metre = 0.5 * context.region.height * view.window_matrix[1][1]
+    return metres * per_metre / (max(view.view_distance, 1e-6) if view.is_perspective else 1.0)
+
+
 def window_region(context: bpy.types.Context, event: bpy.types.Event) -> bpy.types.Region | None:
     """The 3D view's region under the mouse, where no sidebar covers it."""
     area = context.area

@@ -14,7 +14,7 @@ import bpy
 from . import fourview, fourview_strokes, lazy
 from .backend.errors import HairloomError
 
-_HAIR, _BACKGROUND, _MASK = (0.2, 0.9, 0.35, 0.8), (1.0, 0.25, 0.2, 0.8), (1.0, 0.85, 0.1, 1.0)
+_HAIR, _BACKGROUND, _MASK = (0.2, 0.9, 0.35, 0.6), (1.0, 0.25, 0.2, 0.6), (1.0, 0.85, 0.1, 1.0)
 _SILHOUETTE, _STROKE, _MARK = (0.1, 0.8, 1.0, 1.0), (1.0, 0.35, 0.9, 1.0), (1.0, 0.5, 0.0, 1.0)
 _COLORS = {fourview_strokes.HAIR: _HAIR, fourview_strokes.BACKGROUND: _BACKGROUND}
 
@@ -75,10 +75,11 @@ def _draw_photo(context: bpy.types.Context, photo: Any) -> None:
             _waiting.add(key)
             bpy.app.timers.register(lambda: _find_silhouette(key), first_interval=0.05)
     if found.step == "SEGMENT" and photo.scribbles:
+        scale = fourview.pixels_per_photo_pixel(context)
         for color, width, line in (
             _kept("scribbles", f"{place} {photo.scribbles}", lambda: bridge.scribbles_in_world(photo)) or ()
         ):
-            _draw_strip(line, _COLORS[color], max(width, 2.0))
+            _draw_strip(line, _COLORS[color], max(width * scale, 2.0))
     if found.step == "CAMERAS" and photo.landmarks:
         marks = _kept("marks", f"{place} {photo.landmarks}", lambda: bridge.landmarks_in_world(photo))
         _draw_points(marks, _MARK, 9.0)

@@ -9,6 +9,7 @@ from .fourview_strokes import BACKGROUND, ERASE, HAIR
 
 SCRIBBLE_TOOL = "hairloom.four_view_scribble_tool"
 STROKE_TOOL = "hairloom.four_view_stroke_tool"
+_CIRCLE = (0.2, 0.9, 0.35, 0.9)
 
 
 def _press(operator: str, properties: list[tuple[str, object]], **modifiers: bool) -> tuple[str, dict, dict]:
@@ -23,6 +24,14 @@ def _draw_scribble(context: bpy.types.Context, layout: bpy.types.UILayout, tool:
     layout.prop(found, "brush_paints", text="")
     layout.prop(found, "brush_size")
     layout.label(text="Drag: hair   Ctrl: not hair   Shift: erase")
+
+
+def _draw_brush(context: bpy.types.Context, tool: bpy.types.WorkSpaceTool, xy: tuple[float, float]) -> None:
+    # in the background there is no gpu, so it is imported only when something is drawn
+    from gpu_extras.presets import draw_circle_2d
+
+    radius = 0.5 * fourview.project(context).brush_size * fourview.pixels_per_photo_pixel(context)
+    draw_circle_2d(xy, _CIRCLE, max(radius, 2.0), segments=48)
 
 
 def _draw_stroke(context: bpy.types.Context, layout: bpy.types.UILayout, tool: bpy.types.WorkSpaceTool) -> None:
@@ -43,6 +52,7 @@ class HAIRLOOM_WT_four_view_scribble(bpy.types.WorkSpaceTool):
         _press("hairloom.four_view_scribble", [("kind", ERASE)], shift=True),
     )
     draw_settings = staticmethod(_draw_scribble)
+    draw_cursor = staticmethod(_draw_brush)
 
 
 class HAIRLOOM_WT_four_view_stroke(bpy.types.WorkSpaceTool):

@@ -301,9 +301,9 @@ def _covered(seen: Camera, solid: bpy.types.Object, head: bpy.types.Object | Non
 
 
 def scribbles_in_world(photo: Any) -> list[tuple[str, float, np.ndarray]]:
-    """Kind, width on the screen and points (n, 3) of each scribble."""
+    """Kind, width in pixels of the photo, and points (n, 3) of each scribble."""
     return [
-        (one["kind"], 3.0, camera.pixels_in_world(photo, np.array(one["points"])))
+        (one["kind"], float(one["width"]), camera.pixels_in_world(photo, np.array(one["points"])))
         for one in fourview_strokes.read(photo.scribbles)
     ]
 
