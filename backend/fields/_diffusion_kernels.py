@@ -316,7 +316,7 @@ def set_right(kinds: Any, weights: Any, values: Any, component: int, right: Any,
                 right[x, y, z] = 0.0
                 if kinds[x, y, z] != FREE:
                     continue
-                b = np.float32(0.0)
+                b: Any = np.float32(0.0)
                 if kinds[x - 1, y, z] == FIXED:
                     b += values[x - 2, y - 1, z - 1, component]
                 if kinds[x + 1, y, z] == FIXED:

@@ -12,7 +12,9 @@ Jacobi sweeps whatever the share of voxels that are known.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label
@@ -24,6 +26,7 @@ from . import _diffusion_kernels as kernels
 UInt8 = NDArray[np.uint8]
 
 COARSEST = 400  # cells that are solved for directly
+SMALL = 100_000  # cells up to which a level is not worth waking a second thread
 # a Chebyshev polynomial of degree 2 on [1/3, 2], the eigenvalues of D^-1 A that a coarser grid does not see
 OMEGAS = (1.0 / (7.0 / 6.0 + 5.0 / 6.0 * 0.5**0.5), 1.0 / (7.0 / 6.0 - 5.0 / 6.0 * 0.5**0.5))
 _NO_WEIGHTS: Float32 = np.empty((0, 0, 0), np.float32)
@@ -137,23 +140,26 @@ class DiffusionSolver:
     def _precondition(self, sums: Float64) -> float:
         """One V-cycle from the finest level's `right` to its `values`; gives values . right."""
         first, second = OMEGAS
-        for depth, level in enumerate(self._levels):
-            coarser = self._levels[depth + 1].right if depth + 1 < len(self._levels) else None
-            if coarser is None:
-                break
-            kernels.scale(level.right, level.inverse, first, level.work)
-            _relax(level, level.work, second, level.values)
-            _residual(level, level.values, level.work)
-            kernels.restrict(level.work, coarser)
-        self._solve_coarsest()
-        for depth in range(len(self._levels) - 2, -1, -1):
-            level = self._levels[depth]
-            kernels.prolong(self._levels[depth + 1].values, level.norm, level.values)
-            _relax(level, level.values, second, level.work)
-            _relax(level, level.work, first, level.values, sums if depth == 0 else _NO_SUMS)
+        finest = self._levels[0]
         if len(self._levels) == 1:
-            level = self._levels[0]
-            return float(np.vdot(level.values.astype(np.float64), level.right))
+            self._solve_coarsest()
+            return float(np.vdot(finest.values.astype(np.float64), finest.right))
+        n_threads = numba.get_num_threads()
+        try:
+            for level, coarser in pairwise(self._levels):
+                numba.set_num_threads(n_threads if level.values.size > SMALL else 1)
+                kernels.scale(level.right, level.inverse, first, level.work)
+                _relax(level, level.work, second, level.values)
+                _residual(level, level.values, level.work)
+                kernels.restrict(level.work, coarser.right)
+            self._solve_coarsest()
+            for level, coarser in list(pairwise(self._levels))[::-1]:
+                numba.set_num_threads(n_threads if level.values.size > SMALL else 1)
+                kernels.prolong(coarser.values, level.norm, level.values)
+                _relax(level, level.values, second, level.work)
+                _relax(level, level.work, first, level.values, sums if level is finest else _NO_SUMS)
+        finally:
+            numba.set_num_threads(n_threads)
         return float(sums.sum())
 
     def _solve_coarsest(self) -> None:
@@ -197,28 +203,31 @@ def _kinds(fixed: Bools, inside: Bools | None, weights: Float32 | None) -> UInt8
 
 def _build_levels(kinds: UInt8, weights: Float32) -> tuple[list[_Level], NDArray[np.int64], Float64]:
     """The grids from fine to coarse, and the inverse of the coarsest one's matrix over its cells that are solved."""
-    zeros = lambda shape: np.zeros(shape, np.float32)  # noqa: E731
-    diagonal, inverse, terms = zeros(kinds.shape), zeros(kinds.shape), zeros(kinds.shape)
+    diagonal, inverse, terms = _zeros(kinds.shape), _zeros(kinds.shape), _zeros(kinds.shape)
     kernels.set_finest(kinds, weights, diagonal, inverse, terms)
     known = (kinds > 0).astype(np.float32)
     edges: tuple[Float32, Float32, Float32] | None = None
     levels = []
     while True:
-        work = [zeros(diagonal.shape) for _ in range(3)]
-        level = _Level(diagonal, inverse, edges, zeros(diagonal.shape), *work)
+        work = [_zeros(diagonal.shape) for _ in range(3)]
+        level = _Level(diagonal, inverse, edges, _zeros(diagonal.shape), *work)
         levels.append(level)
         if np.count_nonzero(diagonal) <= COARSEST:
             break
         shape = tuple((n - 2 + 1) // 2 + 2 for n in diagonal.shape)
-        c_known, c_terms = zeros(shape), zeros(shape)
-        c_edges = (zeros(shape), zeros(shape), zeros(shape))
+        c_known, c_terms = _zeros(shape), _zeros(shape)
+        c_edges = (_zeros(shape), _zeros(shape), _zeros(shape))
         own = edges if edges is not None else (_NO_WEIGHTS, _NO_WEIGHTS, _NO_WEIGHTS)
         kernels.coarsen(diagonal, known, terms, *own, edges is None, c_known, c_terms, *c_edges)
         kernels.set_norm(c_known, inverse, level.norm)
-        diagonal, inverse = zeros(shape), zeros(shape)
+        diagonal, inverse = _zeros(shape), _zeros(shape)
         kernels.set_coarse(c_terms, *c_edges, diagonal, inverse)
         known, terms, edges = c_known, c_terms, c_edges
     return levels, *_invert(levels[-1])
+
+
+def _zeros(shape: tuple[int, ...]) -> Float32:
+    return np.zeros(shape, np.float32)
 
 
 def _invert(level: _Level) -> tuple[NDArray[np.int64], Float64]:

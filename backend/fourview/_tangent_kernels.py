@@ -10,7 +10,7 @@ import numpy as np
 from ..kernels import device, parallel_kernel, summing_device
 
 N_CHUNKS = 256  # fixed shares of the texels; each has its own buffers
-_NEAR = 1.5  # texel spacings: a texel so near stands for a place across a seam
+_NEAR = 1.2  # texel spacings: texels so near stand for a place across a seam
 
 
 @summing_device
@@ -36,25 +36,32 @@ def _difference(points: Any, charts: Any, grid: Any, row: int, column: int, down
 
 
 @device
-def _nearest(points: Any, normals: Any, normal: Any, x: float, y: float, z: float, hashing: Any, limit: float) -> int:
-    """The texel nearest to a place, on the same side of the hair and within `limit`; -1 if there is none."""
+def _across_seam(
+    picture: Any, places: Any, points: Any, normals: Any, normal: Any, place: Any, hashing: Any, limit: float
+) -> Any:
+    """The picture at a place in space, of the texels within `limit` on the same side of the hair; NaN without any.
+
+    Texels count with (1 - square distance / square limit)^2: nearly linear interpolation between them.
+    """
     low, cell, shape, starts, members = hashing
-    best, best_square = -1, limit * limit
-    fx, fy, fz = (x - low[0]) / cell - 0.5, (y - low[1]) / cell - 0.5, (z - low[2]) / cell - 0.5
-    first_x, first_y, first_z = int(np.floor(fx)), int(np.floor(fy)), int(np.floor(fz))
+    total, weights = 0.0, 0.0
+    first_x = int(np.floor((place[0] - low[0]) / cell - 0.5))
+    first_y = int(np.floor((place[1] - low[1]) / cell - 0.5))
+    first_z = int(np.floor((place[2] - low[2]) / cell - 0.5))
     for i in range(max(first_x, 0), min(first_x + 2, shape[0])):
         for j in range(max(first_y, 0), min(first_y + 2, shape[1])):
             for k in range(max(first_z, 0), min(first_z + 2, shape[2])):
                 cell_index = (i * shape[1] + j) * shape[2] + k
                 for m in range(starts[cell_index], starts[cell_index + 1]):
                     texel = members[m]
-                    dx, dy, dz = points[texel, 0] - x, points[texel, 1] - y, points[texel, 2] - z
-                    square = dx * dx + dy * dy + dz * dz
-                    if square < best_square:
+                    dx, dy, dz = points[texel, 0] - place[0], points[texel, 1] - place[1], points[texel, 2] - place[2]
+                    share = 1.0 - (dx * dx + dy * dy + dz * dz) / (limit * limit)
+                    if share > 0.0:
                         facing = normals[texel, 0] * normal[0] + normals[texel, 1] * normal[1]
                         if facing + normals[texel, 2] * normal[2] > 0.2:
-                            best, best_square = texel, square
-    return best
+                            weights += share * share
+                            total += share * share * picture[places[texel, 0], places[texel, 1]]
+    return np.float32(total / weights) if weights > 0.0 else np.float32(np.nan)
 
 
 @device
@@ -99,14 +106,12 @@ def _sample(
                 out[k] = above * (1 - v) + below * v
         if np.isnan(out[k]):
             x, y = offsets[k, 0] * spacing, offsets[k, 1] * spacing
-            other = _nearest(
-                points, normals, normals[texel],
+            place = (
                 points[texel, 0] + x * frame[0, 0] + y * frame[1, 0],
                 points[texel, 1] + x * frame[0, 1] + y * frame[1, 1],
-                points[texel, 2] + x * frame[0, 2] + y * frame[1, 2], hashing, _NEAR * spacing,
-            )  # fmt: skip
-            if other >= 0:
-                out[k] = picture[places[other, 0], places[other, 1]]
+                points[texel, 2] + x * frame[0, 2] + y * frame[1, 2],
+            )
+            out[k] = _across_seam(picture, places, points, normals, normals[texel], place, hashing, _NEAR * spacing)
         if not np.isnan(out[k]):
             found += 1
             total += out[k]

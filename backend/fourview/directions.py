@@ -25,6 +25,8 @@ from .texels import TexelMap
 from .texture import HairTexture
 from .views import DirectionStroke, View
 
+_ALONE = 6.0  # times that gravity and the crown count more where there is no hair of the database
+
 
 class Shape(Protocol):
     """What directions need of a `shape.RoughShape`."""
@@ -44,7 +46,7 @@ class DirectionParams:
 
     max_texels: int = 700_000  # of the texture's scale that the filters run on
     region_size: float = 0.008  # between the middles of regions that share a sign
-    smoothing: float = 0.5  # of orientations between neighbouring texels, against a confidence of 1
+    smoothing: float = 1.0  # of orientations between neighbouring texels, against a confidence of 1
     database_reach: float = 0.02  # from the surface to the hair of the database that tells the direction
     database_unseen: float = 0.4  # weight of its orientation where no photo sees the surface; 1 is a clear texture
     database_seen: float = 0.02  # and where one does
@@ -141,7 +143,7 @@ def reduced(values: Float32, fine: TexelMap, coarse: TexelMap) -> Float32:
     if empty.any():
         _, nearest = cKDTree(fine.points).query(coarse.points[empty])
         means[empty] = values[nearest]
-    return means.astype(np.float32)
+    return np.asarray(means, np.float32)
 
 
 def find_directions(
@@ -251,8 +253,9 @@ def _region_signs(
     a, b = regions.edges[:, 0], regions.edges[:, 1]
     dots = np.einsum("ec,ec->e", axes[a], axes[b])
     couplings = dots * np.abs(dots) * np.sqrt(coherence[a] * coherence[b]) * regions.borders / regions.borders.mean()
-    guess = agreement[:, None] * database + params.gravity * np.array([0.0, 0.0, -1.0])
-    guess = guess + params.outward * unit(regions.points - _crown(head))
+    plain = params.gravity * np.array([0.0, 0.0, -1.0]) + params.outward * unit(regions.points - _crown(head))
+    # without hair of the database to go by, these must hold a surface all around against its own continuity
+    guess = agreement[:, None] * database + plain * (1.0 + _ALONE * (1.0 - agreement[:, None]))
     size = np.sqrt(regions.sizes / regions.sizes.mean())
     fields = np.einsum("rc,rc->r", axes, guess) * size * (0.1 + coherence)
     stroked = np.einsum("rc,rc->r", axes, regions.sums(drawn))
@@ -278,4 +281,4 @@ def _signed(orientations: Float32, graph: Graph, regions: Regions, directions: F
     ones = np.ones(len(coarse), np.float32)
     reference = smooth(graph, coarse, 0.05 * ones, coarse, 1.0, 20)
     signs = np.where(np.einsum("tc,tc->t", orientations, reference) < 0, np.float32(-1), np.float32(1))
-    return orientations * signs[:, None]
+    return np.asarray(orientations * signs[:, None], np.float32)

@@ -7,6 +7,7 @@ o, and they need no common frame on a curved surface.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ class Regions:
         return np.stack([np.bincount(self.region, column, self.count) for column in values.T], axis=1)
 
 
-def make_graph(edges: NDArray[np.integer], count: int) -> Graph:
+def make_graph(edges: NDArray[np.integer[Any]], count: int) -> Graph:
     """The graph of `count` nodes with undirected edges (E, 2)."""
     ones = np.ones(len(edges), np.int8)
     half = coo_array((ones, (edges[:, 0], edges[:, 1])), shape=(count, count)).tocsr()
@@ -83,7 +84,7 @@ def make_regions(graph: Graph, edges: Int32, points: Float32, normals: Float32, 
     keys, borders = np.unique(ends[:, 0] * n_regions + ends[:, 1], return_counts=True)
     pairs = np.stack([keys // n_regions, keys % n_regions], axis=1)
     return Regions(
-        region, sizes, middles / sizes[:, None], unit(means), pairs, borders.astype(np.float64)
+        region, sizes, middles / sizes[:, None], unit(np.asarray(means, np.float64)), pairs, borders.astype(np.float64)
     )  # fmt: skip
 
 
@@ -100,13 +101,13 @@ def axes_of(tensors: Floats, normals: Floats) -> tuple[Float32, Float32]:
 
 
 def fill_regions(regions: Regions, values: Float64, weights: Float64, stiffness: float) -> Float64:
-    """(R, C) float64: min sum w |x - v|^2 + stiffness sum over neighbours b |x_i - x_j|^2, b the borders over their mean.
+    """(R, C) float64: min sum w |x - v|^2 + stiffness sum over neighbours b |x_i - x_j|^2, b the borders / their mean.
 
 
     values : (R, C), weights : (R,) >= 0. Regions that nothing weighted is joined to get 0.
     """
     count = regions.count
-    share = stiffness * regions.borders / max(float(regions.borders.mean()), 1e-12) if len(regions.borders) else []
+    share = stiffness * regions.borders / max(float(regions.borders.sum()) / max(len(regions.borders), 1), 1e-12)
     i, j = regions.edges[:, 0], regions.edges[:, 1]
     ties: csr_array = coo_array((share, (i, j)), shape=(count, count)).tocsr()
     ties = ties + ties.T

@@ -12,19 +12,20 @@ node i agrees with where its hair is thought to grow. Nodes under strokes are fi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow, minimum_spanning_tree
 
 from ..errors import require
 from ..types import Float64, Floats, check_array
 from ._sign_kernels import signs_of_tree, turn_branches, turn_nodes
 
 Int8 = NDArray[np.int8]
-Indices = NDArray[np.integer]
+Indices = NDArray[np.integer[Any]]
 
 _SWEEPS = 100
 _ROUNDS = 20
@@ -34,11 +35,13 @@ _ROUNDS = 20
 class SignParams:
     """Settings of solve_signs."""
 
-    exact_nodes: int = 2000  # up to so many nodes the best signs are found, beyond good ones
-    node_limit: int = 200  # branches of the exact solver after which it gives up (and the good ones stay)
+    flow_nodes: int = 4000  # up to so many nodes the maximum flow is asked, which decides most of them for good
+    exact_nodes: int = 150  # up to so many undecided nodes the exact solver is asked for the rest
+    node_limit: int = 200  # branches after which it gives up, and the signs of the search stay
 
     def __post_init__(self) -> None:
-        require(0 <= self.exact_nodes <= 100_000, f"exact_nodes is {self.exact_nodes}; it must be in 0..100000")
+        require(0 <= self.flow_nodes <= 100_000, f"flow_nodes is {self.flow_nodes}; it must be in 0..100000")
+        require(0 <= self.exact_nodes <= 2000, f"exact_nodes is {self.exact_nodes}; it must be in 0..2000")
         require(1 <= self.node_limit <= 1_000_000, f"node_limit is {self.node_limit}; it must be in 1..1000000")
 
 
@@ -56,8 +59,9 @@ def solve_signs(
 ) -> Signs:
     """The signs of N nodes with the least energy (M-38).
 
-    A spanning tree of the strongest ties, improved by turning single nodes and branches; with few nodes then by a
-    mixed-integer programme (HiGHS).
+    A spanning tree of the strongest ties, improved by turning single nodes and branches. With not too many nodes then a
+    maximum flow (roof duality) tells most signs of the best solution for sure, and a mixed-integer programme (HiGHS)
+    the others.
 
     Parameters
     ----------
@@ -76,8 +80,18 @@ def solve_signs(
     strengths, pulls = np.asarray(couplings, np.float64), np.asarray(fields, np.float64)
     signs = _search(edges, strengths, pulls, given)
     is_exact = False
-    if 0 < count <= params.exact_nodes:
-        signs, is_exact = _exact(edges, strengths, pulls, given, signs, params.node_limit)
+    if 0 < count <= params.flow_nodes:
+        rest = _reduced(edges, strengths, pulls, given)
+        known = given.copy()
+        known[rest.nodes] = _persistent(*rest.problem)
+        rest = _reduced(edges, strengths, pulls, known)
+        better = np.where(known != 0, known, signs).astype(np.int8)
+        if len(rest.nodes) == 0:
+            is_exact = True
+        elif len(rest.nodes) <= params.exact_nodes:
+            better[rest.nodes], is_exact = _exact(*rest.problem, signs[rest.nodes], params.node_limit)
+        if energy_of(better, edges, strengths, pulls) < energy_of(signs, edges, strengths, pulls):
+            signs = better
     return Signs(signs, energy_of(signs, edges, strengths, pulls), is_exact)
 
 
@@ -85,6 +99,61 @@ def energy_of(signs: Int8, edges: Indices, couplings: Floats, fields: Floats) ->
     """E of signs (N,)."""
     s = signs.astype(np.float64)
     return float(-(couplings * s[edges[:, 0]] * s[edges[:, 1]]).sum() - (fields * s).sum())
+
+
+@dataclass(frozen=True, slots=True)
+class _Rest:
+    """The programme over the nodes that are not known: those (n,), and its edges, couplings and fields."""
+
+    nodes: NDArray[np.int64]
+    problem: tuple[Indices, Float64, Float64]
+
+
+def _reduced(edges: Indices, couplings: Float64, fields: Float64, known: Int8) -> _Rest:
+    """Known nodes turn into fields of their neighbours."""
+    pulls = fields.copy()
+    for a, b in ((0, 1), (1, 0)):
+        np.add.at(pulls, edges[:, a], couplings * known[edges[:, b]])
+    nodes = np.flatnonzero(known == 0)
+    place = np.full(len(known), -1)
+    place[nodes] = np.arange(len(nodes))
+    inner = (place[edges] >= 0).all(axis=1)
+    return _Rest(nodes, (place[edges[inner]], couplings[inner], pulls[nodes]))
+
+
+def _persistent(edges: Indices, couplings: Float64, fields: Float64) -> Int8:
+    """(n,) the signs that a best solution has for sure, 0 where roof duality cannot tell.
+
+    Every node has a copy of the opposite sign. A positive coupling ties nodes and ties copies, a negative one ties
+    nodes to copies, fields tie them to source and sink; a node on the source's side of the least cut whose copy is on
+    the other has sign 1, and the other way round.
+    """
+    count = len(fields)
+    total = float(np.abs(couplings).sum() * 4.0 + np.abs(fields).sum() * 2.0)
+    if count == 0 or total == 0.0:
+        return np.zeros(count, np.int8)
+    scale = 2.0**30 / total  # capacities are whole numbers whose sum must fit 31 bits
+    source, sink = 2 * count, 2 * count + 1
+    i, j = edges[:, 0], edges[:, 1]
+    other = np.where(couplings > 0, 0, count)
+    up, down = np.flatnonzero(fields > 0), np.flatnonzero(fields < 0)
+    tails = np.concatenate([i, j + other, i + count, j + count - other, np.full(len(up) + len(down), source)])
+    heads = np.concatenate([j + other, i, j + count - other, i + count, up, down + count])
+    tails = np.concatenate([tails, up + count, down])
+    heads = np.concatenate([heads, np.full(len(up) + len(down), sink)])
+    pulls = np.abs(np.concatenate([fields[up], fields[down]]))
+    amounts = np.concatenate([np.tile(np.abs(couplings), 4), pulls, pulls])
+    whole = np.floor(amounts * scale).astype(np.int32)
+    capacity: csr_array = coo_array((whole, (tails, heads)), shape=(2 * count + 2, 2 * count + 2)).tocsr()
+    capacity.sum_duplicates()
+    flow = maximum_flow(capacity, source, sink).flow
+    residual = capacity - flow
+    residual.data = np.maximum(residual.data, 0)
+    residual.eliminate_zeros()
+    reached = np.zeros(2 * count + 2, np.bool_)
+    reached[breadth_first_order(residual, source, return_predecessors=False)] = True
+    plain, copy = reached[:count], reached[count : 2 * count]
+    return (plain & ~copy).astype(np.int8) - (copy & ~plain).astype(np.int8)
 
 
 def _search(edges: Indices, couplings: Float64, fields: Float64, fixed: Int8) -> Int8:
@@ -122,9 +191,7 @@ def _search(edges: Indices, couplings: Float64, fields: Float64, fixed: Int8) ->
     return signs[:count]
 
 
-def _exact(
-    edges: Indices, couplings: Float64, fields: Float64, fixed: Int8, start: Int8, node_limit: int
-) -> tuple[Int8, bool]:
+def _exact(edges: Indices, couplings: Float64, fields: Float64, start: Int8, node_limit: int) -> tuple[Int8, bool]:
     """The mixed-integer programme over x and y_ij = x_i x_j, in the gauge in which `start` is all 1.
 
     There nearly all couplings are positive, and a programme with positive couplings alone is solved by its linear
@@ -157,8 +224,6 @@ def _exact(
     matrix = csr_array((entries, (rows, column)), shape=(len(row), count + n_edges))
     above = np.concatenate([np.zeros(2 * n_up), np.ones(len(hostile))])
     low, high = np.zeros(count + n_edges), np.ones(count + n_edges)
-    held = fixed != 0
-    low[:count][held] = high[:count][held] = 0.5 * (1.0 + fixed[held] * gauge[held])
     whole = np.concatenate([np.ones(count), np.zeros(n_edges)])
     constraints = LinearConstraint(matrix, -np.inf, above) if len(row) else ()
     found = milp(

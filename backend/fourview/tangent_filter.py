@@ -1,8 +1,8 @@
 """Orientation of hair at every texel of a texture, on the surface's tangent planes (Z-19, M-37).
 
 The iterative refinement of Chai et al. 2012 for pictures (`fields.orientation`), with each texel's surroundings
-sampled from the texture on its own tangent plane: through the chart that it lies in, and across seams by the nearest
-texel in space. Charts may be turned and stretched as they like.
+sampled from the texture on its own tangent plane: through the chart that it lies in, and across seams by the
+texels nearest in space. Charts may be turned and stretched as they like.
 """
 
 from __future__ import annotations

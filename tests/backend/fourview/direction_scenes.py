@@ -9,7 +9,7 @@ RADII = (0.09, 0.11, 0.13)
 
 
 def cube_charts(side):
-    """(6, side, side, 3) unit directions of the texels' middles, each chart turned by another multiple of 90 degrees."""
+    """(6, side, side, 3) unit directions of the texels' middles, each chart turned by another right angle."""
     t = np.tan((np.arange(side) + 0.5) / side * np.pi / 2 - np.pi / 4)
     u, v = np.meshgrid(t, t, indexing="xy")
     one = np.ones_like(u)
