@@ -8,9 +8,17 @@ from .editing.comb import comb
 from .editing.flow import FlowSession, extract_flow
 from .editing.object_space import return_to_object
 from .editing.strokes import MODES, CombParams, Stroke, View
+from .fields.grid import dense_grid
+from .fourview.appearance import strand_colours
+from .fourview.database import HairDatabase
+from .fourview.database_entries import entry_head, make_hairstyle
+from .fourview.detail import add_detail
+from .fourview.filling import grow_strands
+from .fourview.growth import GrowthParams
 from .fourview.poisson import PoissonSolver, blend_views
 from .fourview.projection import initial_texture, project_views
 from .fourview.remeshing import cluster_evenly
+from .fourview.shape import RoughShape
 from .fourview.surface import SurfaceParams, make_surface
 from .fourview.views import View as Photo
 from .geometry.camera import standard_camera
@@ -72,7 +80,9 @@ def compile_all(progress: Progress = NO_PROGRESS) -> int:
     _comb_in_all_modes(strands, head)
     progress(0.99, "Compiling: followers")
     _follow(strands, head)
+    _keep_hairstyle(strands, head)
     _lay_texture(head)
+    _grow_and_colour(strands, head)
     return sum(bool(kernel.dispatcher.signatures) for kernel in KERNELS)
 
 
@@ -137,6 +147,11 @@ def _follow(strands: StrandSet, head: Head) -> None:
     keep_out(followers, points, [solid], rest_depths(followers, [solid]))
 
 
+def _keep_hairstyle(strands: StrandSet, head: Head) -> None:
+    """A hairstyle of the database, its masks rendered, and back on the head."""
+    HairDatabase((make_hairstyle("one", strands, entry_head(head)),)).strands(0, head)
+
+
 def _lay_texture(head: Head) -> None:
     """Atlas, texels and patches on the scalp, one photo on them with a hole, blended and solved."""
     scalp = submesh(head, head.scalp)
@@ -150,3 +165,18 @@ def _lay_texture(head: Head) -> None:
     PoissonSolver(texels.edges, texels.n_texels).solve(blended, gradients)
     # a cluster in two parts
     cluster_evenly(np.eye(4, 3), np.ones(4), np.array([[0, 1], [2, 3]], np.int32), 1)
+
+
+def _grow_and_colour(strands: StrandSet, head: Head) -> None:
+    """A few strands in a shape one tenth larger than the head, with detail, in one photo's mask and colours."""
+    middle = head.vertices.mean(axis=0)
+    scalp = submesh(head, head.scalp)
+    closed = Mesh(middle + np.float32(1.1) * (head.vertices - middle), head.triangles)
+    outer = Mesh(middle + np.float32(1.1) * (scalp.vertices - middle), scalp.triangles)
+    shape = RoughShape(closed, outer, strands, "", np.ones(1))
+    low = closed.vertices.min(axis=0)
+    down = dense_grid(np.full((8, 8, 8, 3), [0.0, 0.0, -1.0], np.float32), low, float(np.ptp(closed.vertices)) / 8)
+    camera = standard_camera("back", middle, 200.0, (64, 64))
+    photo = Photo("back", np.zeros((64, 64, 3), np.uint8), np.ones((64, 64), np.bool_), camera)
+    grown = grow_strands(down, shape, [photo], head, GrowthParams(n_guides=16, n_strands=32, n_points=8))
+    strand_colours(add_detail(grown, down), [photo], head)
