@@ -13,6 +13,10 @@ from bpy.props import BoolProperty, FloatProperty, IntProperty, PointerProperty,
 from .params_group import ParamsGroup
 
 
+# the scene's settings that are no Params of the jobs
+_BLENDERS_OWN = ("grooms_folder", "cache_folder")
+
+
 class RoughShapeSettings(ParamsGroup, bpy.types.PropertyGroup):
     """Settings of the rough shape of the hair"""
 
@@ -93,6 +97,10 @@ class FourViewSettings(ParamsGroup, bpy.types.PropertyGroup):
         name="Hairstyles Tried", default=1, min=1, max=20,
         description="So many of the most similar hairstyles of the database are bent to the masks; the best one stays",
     )  # fmt: skip
+    grooms_folder: StringProperty(
+        name="Own Hairstyles", default="", subtype="DIR_PATH", options={"PATH_SUPPORTS_BLEND_RELATIVE"},
+        description="Folder with grooms of your own (.hair, .data, .npz) that join the database of hairstyles",
+    )  # fmt: skip
     shape: PointerProperty(type=RoughShapeSettings)
     surface: PointerProperty(type=SurfaceSettings)
     texture: PointerProperty(type=SurfaceTextureSettings)
@@ -110,13 +118,15 @@ class FourViewSettings(ParamsGroup, bpy.types.PropertyGroup):
 
     def to_params(self) -> dict[str, Any]:
         params = super().to_params()
-        del params["cache_folder"]
+        for name in _BLENDERS_OWN:
+            del params[name]
         return params
 
     def of_stage(self, stage: str) -> dict[str, Any]:
         """The settings that change a stage's result."""
         params = self.to_params()
-        return {name: params[name] for name in OF_STAGE[stage]}
+        own = {"grooms_folder": self.grooms_folder} if stage == "shape" else {}
+        return own | {name: params[name] for name in OF_STAGE[stage]}
 
 
 OF_STAGE = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +73,9 @@ def stage_inputs(context: bpy.types.Context, stage: str) -> Values:
         values |= {name: made[name] for name in names}
     if stage == "directions":
         values["strokes"] = read_strokes(context)
+    own = scene.settings(context).four_view.grooms_folder
+    if stage == "shape" and own:
+        values["folders"] = [os.path.abspath(bpy.path.abspath(own))]
     return values
 
 

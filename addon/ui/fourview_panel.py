@@ -192,6 +192,7 @@ class HAIRLOOM_PT_four_view_shape(StepPanel, bpy.types.Panel):
         column = settings_column(layout)
         draw_settings(column, settings, ("n_tried",))
         draw_settings(column, settings.shape, settings.shape.setting_names())
+        column.prop(settings, "grooms_folder")
         column.prop(settings, "cache_folder")
         _draw_stage(layout, context, "shape", "MESH_ICOSPHERE", stages.HAIRLOOM_OT_four_view_shape)
         _draw_outlines(layout, context)

@@ -14,10 +14,6 @@ import numpy as np
 import pytest
 import scenes
 
-_TYPES = {
-    "RoughShape": "..fourview.shape", "HairSurface": "..fourview.surface", "Level": "..fourview.surface",
-    "TexelMap": "..fourview.texels", "HairTexture": "..fourview.texture", "SurfaceDirections": "..fourview.directions",
-}  # fmt: skip
 STAGES = ("shape", "texture", "directions", "strands")
 
 
@@ -88,9 +84,6 @@ def strands_outputs(inputs):
 
 def answers(monkeypatch):
     """Stand-ins for all jobs."""
-    bundle = scenes.module("backend.io.bundle")
-    for name, place in _TYPES.items():
-        monkeypatch.setitem(bundle.TYPES, name, place)
     asked = {}
     outputs = {
         "four_view_shape": lambda _: {"shape": made_shape(), "remarks": ["the back is hidden"]},
@@ -187,6 +180,17 @@ def test_later_steps_get_what_earlier_ones_made(tmp_path, monkeypatch):
     assert set(asked["four_view_directions"][0]) == {"views", "head", "shape", "surface", "texture", "strokes"}
     assert set(asked["four_view_strands"][0]) == {"views", "head", "shape", "directions"}
     assert np.array_equal(asked["four_view_strands"][0]["shape"].closed.vertices, made_shape().closed.vertices)
+
+
+def test_own_hairstyles_join_the_search(tmp_path, monkeypatch):
+    small.start(tmp_path, with_masks=True)
+    asked = answers(monkeypatch)
+    run_stages("shape")
+    assert "folders" not in asked["four_view_shape"][0]
+    bpy.context.scene.hairloom.four_view.grooms_folder = str(tmp_path)
+    assert states()[0] == "STALE"
+    run_stages("shape")
+    assert asked["four_view_shape"][0]["folders"] == [str(tmp_path)]
 
 
 def test_no_step_before_its_turn(tmp_path, monkeypatch):
