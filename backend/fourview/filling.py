@@ -21,6 +21,7 @@ from ..progress import NO_PROGRESS, Progress, subrange
 from ..types import Bools, Float32, Float64, Head, Int32, Int64, Mesh, StrandSet
 from ._filling_kernels import blend_guides, choose_blends, keep_in_shape, push_out
 from ._growth_kernels import follow_field
+from .detail import HelixDetailParams, add_detail
 from .growth import GrowthParams, Guides, grow_guides, surface_samples
 from .hair_space import OUTER, HairShape, HairSpace, make_hair_space
 from .masks import MaskLimits, bend_into_masks, hairy_region, mask_limits
@@ -43,6 +44,8 @@ def grow_strands(
     head: Head,
     params: GrowthParams = GrowthParams(),
     *,
+    normals: DirectionGrid | None = None,
+    detail: HelixDetailParams = HelixDetailParams(),
     progress: Progress = NO_PROGRESS,
 ) -> StrandSet:
     """Hair that follows the volume and fills the photos' masks (Z-21, Z-22): guides, then all strands.
@@ -51,6 +54,8 @@ def grow_strands(
     ----------
     volume : directions from root to tip on a grid in world space, metres (Z-20).
     shape : closed mesh G_DEF and open outer surface G. views : with masks; may be none.
+    normals : normals of the surface on such a grid: give waves the depth of helices, by `detail` (Z-23), within shape,
+        masks and off the head; None: do not.
 
     Returns
     -------
@@ -65,8 +70,10 @@ def grow_strands(
     space = make_hair_space(volume, shape, head)
     region = hairy_region(views, head, HeadSurface(head))
     guides = grow_guides(volume, shape, head, params, region=region, space=space, progress=subrange(progress, 0.2, 0.5))
-    return fill_strands(guides, shape, views, head, params, region=region, space=space,
-                        progress=subrange(progress, 0.5, 1.0))  # fmt: skip
+    return fill_strands(
+        guides, shape, views, head, params, region=region, space=space, normals=normals, detail=detail,
+        progress=subrange(progress, 0.5, 1.0),
+    )  # fmt: skip
 
 
 def fill_strands(
@@ -78,6 +85,8 @@ def fill_strands(
     *,
     region: Bools,
     space: HairSpace,
+    normals: DirectionGrid | None = None,
+    detail: HelixDetailParams = HelixDetailParams(),
     progress: Progress = NO_PROGRESS,
 ) -> StrandSet:
     """All strands from guides (Z-22, M-39); see grow_strands."""
@@ -98,6 +107,10 @@ def fill_strands(
         points[part], main[part] = _between(roots[part], guides, cover.needs, space, params, random)
         if number == 0:
             cover.find_thin(points[part])
+    if normals is not None:
+        progress(0.65, "Depth of curls")
+        points = add_detail(from_dense(points), normals, detail).points.reshape(points.shape)
+        keep_in_shape(points, params.clearance, space.distances, space.directions, space.origin, space.cell)
     progress(0.7, "Strands into the masks")
     _obey_masks(points, mask_limits(views, head), space, params)
     good = np.flatnonzero(polyline_lengths(points) >= _SHORTEST)

@@ -8,7 +8,9 @@ import numba
 import numpy as np
 import pytest
 from flowing_hair import HEAD, flow, make_head, make_shape, make_views, make_volume, outside
+from hairloom.fields.grid import dense_grid
 from hairloom.fourview._filling_kernels import blend_guides, choose_blends, cut_strands, smooth_moves
+from hairloom.fourview.detail import half_turns
 from hairloom.fourview.filling import grow_strands
 from hairloom.fourview.growth import GrowthParams
 from hairloom.fourview.hair_space import make_hair_space
@@ -105,6 +107,27 @@ def test_roots_leave_out_what_a_photo_shows_bare(scene):
     assert not region[front].any()
     assert region[head.scalp & (middles[:, 1] > 0.02)].all()
     assert not region[~head.scalp].any()
+
+
+def test_detail_stays_off_the_head_and_in_the_masks(scene):
+    """Waves in the field become helices, whose depth the head and the masks limit like all hair."""
+    shape, _, head, views, _ = scene
+    cells = make_volume()
+    middles = np.stack(np.meshgrid(*[np.arange(60)] * 3, indexing="ij"), axis=-1) * cells.spacing + cells.origin
+    straight = cells.dense()
+    waving = straight + 0.8 * np.cos(2 * np.pi * middles[..., 2:] / 0.03) * np.cross(straight, middles) / 0.1
+    volume = dense_grid((waving * straight.any(axis=3)[..., None]).astype(np.float32), cells.origin, cells.spacing)
+    normals = dense_grid(middles.astype(np.float32), cells.origin, cells.spacing)
+    params = replace(PARAMS, n_strands=500, n_points=80)
+    flat = grow_strands(volume, shape, views, head, params)
+    round_ = grow_strands(volume, shape, views, head, params, normals=normals)
+    moved = np.linalg.norm(round_.points - flat.points, axis=1)
+    assert half_turns(flat, normals).mean() > 3 and np.percentile(moved, 90) > 0.001
+    assert HeadSurface(head).signed_distance(round_.points.reshape(500, -1, 3)[:, 1:].reshape(-1, 3)).min() > 0.0
+    for view in views:
+        seen = project(view.camera, round_.points)
+        off = mask_limits([view], head).away[0, np.floor(seen[:, 1]).astype(int), np.floor(seen[:, 0]).astype(int)]
+        assert np.percentile(off, 99.9) <= params.mask_margin + 1.0
 
 
 def test_no_views_and_one_view(scene):
