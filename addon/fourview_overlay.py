@@ -6,6 +6,7 @@ view is drawn again then.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from typing import Any
 
@@ -34,10 +35,10 @@ def redraw() -> None:
 def _kept(name: str, key: str, make: Callable[[], Any]) -> Any:
     """The lines of that name, made anew where the key is another; None where they cannot be made."""
     if name not in _lines or _lines[name][0] != key:
-        try:
+        _lines[name] = (key, None)  # it is tried once
+        # a plane that is flat, an image that is gone: the steps' buttons say so
+        with contextlib.suppress(HairloomError):
             _lines[name] = (key, make())
-        except HairloomError:
-            _lines[name] = (key, None)  # a plane that is flat, an image that is gone: the steps' buttons say so
     return _lines[name][1]
 
 

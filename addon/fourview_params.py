@@ -12,7 +12,6 @@ from bpy.props import BoolProperty, FloatProperty, IntProperty, PointerProperty,
 
 from .params_group import ParamsGroup
 
-
 # the scene's settings that are no Params of the jobs
 _BLENDERS_OWN = ("grooms_folder", "cache_folder")
 
