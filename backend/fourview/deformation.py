@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import cv2
 import igl
 import numpy as np
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import gaussian_filter1d, map_coordinates
 from scipy.sparse import csc_array, identity
 from scipy.sparse.linalg import SuperLU, splu
 
@@ -23,6 +23,9 @@ from .views import View
 
 _FACING = 0.5  # cosine between the normals of matched points, from which on a match counts
 _BLEND = 0.06  # metres of depth around the head's middle over which the two warps of a view pass into each other
+_GRAIN = 1.5  # points of an outline over which moves are averaged
+_SLIDING = 3.0  # pixels, up to which a move along the outline says nothing; from three times that it counts in full
+_UNSEEN = 0.3  # sum over views of the squared sine between a direction and theirs, below which none sees along it
 _LATTICE = 40  # nodes along the longer side of a picture at which a warp is evaluated
 
 
@@ -33,8 +36,8 @@ class DeformationParams:
     rounds : matchings of outlines, each followed by a solve. smoothness : lambda of eq. 2.
     picture_px : longer side of the pictures in which outlines are compared. outline_points : points of an outline.
     warp_smoothing : stiffness of the thin-plate splines; 0 goes through all landmarks.
-    held : weight that keeps vertices inside the head in their places. still : the same for all vertices, along every
-        direction; it decides the depth where no view sees it.
+    held : weight that keeps vertices inside the head in their places. still : the same for all vertices. depth : the
+        same along directions that no view sees across, so that the hairstyle decides the depth there.
     """
 
     rounds: int = 4
@@ -45,6 +48,7 @@ class DeformationParams:
     warp_smoothing: float = 1e-3
     held: float = 4.0
     still: float = 1e-3
+    depth: float = 0.1
 
     def __post_init__(self) -> None:
         require(0 <= self.rounds <= 50, f"{self.rounds} rounds of deformation; take 0 to 50")
@@ -53,7 +57,8 @@ class DeformationParams:
         require(self.picture_px >= 32, f"pictures of {self.picture_px} pixels are too small; take 32 or more")
         require(self.outline_points >= 16, f"an outline of {self.outline_points} points; take 16 or more")
         require(self.warp_smoothing >= 0, f"the warp's smoothing is {self.warp_smoothing}; it must be 0 or more")
-        require(self.held >= 0 and self.still > 0, "held must be 0 or more and still above 0")
+        weights = f"held {self.held}, still {self.still}, depth {self.depth}"
+        require(min(self.held, self.depth) >= 0 and self.still > 0, f"{weights}: 0 or more, and still above 0")
 
 
 class ThinPlateSpline:
@@ -162,18 +167,31 @@ class _Silhouette:
             on_head = _at(self._head, own + 2.0 * facing)
             sound &= on_head == _at(self._head, target + 2.0 * wanted)
             if sound.mean() > 0.5:
-                return own[sound], (target - own)[sound], on_head[sound]
+                return own[sound], _without_sliding(target - own, facing)[sound], on_head[sound]
         own = self._outline(np.isfinite(depth) | self._head, self._count)
         if not (len(own) and len(self._around)):
             return np.empty((0, 2)), np.empty((0, 2)), np.empty(0, np.bool_)
         target = match_outlines(own, self._around, self._diagonal)
         # where both outlines are the head's there is no hair, and nothing to move
         matters = _near(seen, own) | _near(self.mask, target)
-        return own[matters], (target - own)[matters], np.zeros(int(matters.sum()), np.bool_)
+        moves = _without_sliding(target - own, outward_normals(own))
+        return own[matters], moves[matters], np.zeros(int(matters.sum()), np.bool_)
 
     def _outline(self, region: Bools, count: int) -> Float64:
         curve = outline(region)
         return resample_closed(curve, count) if len(curve) >= 8 else np.empty((0, 2))
+
+
+def _without_sliding(moves: Float64, normals: Float64) -> Float64:
+    """Moves (n, 2), pixels, of a few pixels without their part along the outline.
+
+    A match is no surer than a few pixels along the outline; without this the vertices would drift from round to round.
+    """
+    across = (moves * normals).sum(axis=1, keepdims=True) * normals
+    # the grain of the pictures is in both outlines, and the splines would follow it
+    moves, across = (gaussian_filter1d(part, _GRAIN, axis=0, mode="wrap") for part in (moves, across))
+    sure = np.clip((np.linalg.norm(moves, axis=1, keepdims=True) - _SLIDING) / (2.0 * _SLIDING), 0.0, 1.0)
+    return np.asarray(across + sure * (moves - across))
 
 
 def shrink_mask(mask: Bools, size: tuple[int, int]) -> Bools:
@@ -286,6 +304,8 @@ class _ShapeSolver:
     def _factor(self, directions: Sequence[Float64]) -> tuple[Float64, list[SuperLU]]:
         self._common = sum((np.eye(3) - np.outer(d, d) for d in directions), np.zeros((3, 3)))
         strengths, axes = np.linalg.eigh(self._common)
+        self._depth = np.where(strengths < _UNSEEN, self._params.depth, 0.0)
+        strengths = strengths + self._depth
         squared = self._params.smoothness * (self._laplacian.T @ self._laplacian)
         anchors = csc_array((self._anchor, (np.arange(len(self._rest)),) * 2), shape=squared.shape)
         factors: list[SuperLU] = []
@@ -301,6 +321,7 @@ class _ShapeSolver:
         """(V, 3) float64, metres: the vertices after a round that begins at points (V, 3)."""
         system, wanted = _projections(warps, points)
         wanted += self._anchor[:, None] * self._rest
+        wanted += (self._rest @ self._axes * self._depth) @ self._axes.T
         for _ in range(self._params.solves):
             laplace = self._laplacian @ points
             lengths = np.linalg.norm(laplace, axis=1)

@@ -23,7 +23,8 @@ _BOX_SAMPLES = 40  # along each side of a box whose allowed part is wanted
 _DEPTH_BLUR = 3.0  # pixels, of the depths that are wanted in a gap
 _RIM = 6.0  # voxels from a border up to which settle_rims moves the surface
 _MOST_MOVE = 2.5  # voxels, the furthest it moves it at once: less than signed distances reach
-_MOVE_BLUR = 1.5  # pixels
+_RIM_PIXEL = 0.5  # voxels, a pixel's edge in the pictures in which it compares borders
+_MOVE_BLUR = 2.5  # of those pixels
 _TEST_PIXEL = 3.0  # voxels, a pixel's edge in the pictures in which masks are compared with each other
 _PIXEL = 1.0  # voxels, a pixel's edge in the pictures in which growing looks for gaps
 
@@ -106,7 +107,7 @@ def hull_box(cones: Sequence[Cone], low: Float64, high: Float64) -> tuple[Float6
 def voxel_points(voxels: Voxels) -> Float64:
     """(n^3, 3) float64, metres: the middles of all voxels, z fastest."""
     axes = [voxels.origin[axis] + np.arange(voxels.count) * voxels.cell for axis in range(3)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return np.asarray(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3))
 
 
 def seen_hair(camera: Camera, mesh: Mesh, head_depth: Float32) -> tuple[Bools, Float32]:
@@ -126,11 +127,11 @@ def settle_rims(field: Float32, voxels: Voxels, cones: Sequence[Cone], head: Hea
     near = np.abs(field) < _RIM * voxels.cell
     if len(mesh.triangles) == 0 or not near.any():
         return field
-    points = voxels.points(np.argwhere(near))
+    points = voxels.points(np.argwhere(near).astype(np.float64))
     offset = np.zeros(len(points))
     weight = np.zeros(len(points))
     for cone in cones:
-        camera = _small_camera(cone.camera, voxels, _PIXEL)
+        camera = _small_camera(cone.camera, voxels, _RIM_PIXEL)
         moves, distance = _rim_moves(mesh, cone, camera, head)
         seen = project(camera, points)
         nodes = seen[:, 1::-1].T - 0.5
@@ -154,8 +155,8 @@ def _rim_moves(mesh: Mesh, cone: Cone, camera: Camera, head: Head) -> tuple[Floa
     if not covered.any():
         return np.zeros(mask.shape), inside
     border = (np.abs(inside) < 1.0) & mask
-    # within two pixels of the head's picture a border may be one on the head
-    on_head = cv2.dilate(np.isfinite(head_depth).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    # within three pixels of the head's picture a border may be one on the head
+    on_head = cv2.dilate(np.isfinite(head_depth).astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
     moves = np.where(border & ~on_head, inside - inside_distance(covered), 0.0)
     nearest = distance_transform_edt(~border, return_distances=False, return_indices=True)
     return cv2.GaussianBlur(moves[nearest[0], nearest[1]], (0, 0), _MOVE_BLUR), inside
@@ -219,7 +220,7 @@ def _depths(camera: Camera, voxels: Voxels) -> Float64:
     corners = np.stack(np.meshgrid(*[[0.0, voxels.count - 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     depths = project(camera, voxels.points(corners))[:, 2]
     near, far = depths.min(), depths.max()
-    return np.linspace(near, far, max(int(np.ceil((far - near) / voxels.cell)), 2))
+    return np.asarray(np.linspace(near, far, max(int(np.ceil((far - near) / voxels.cell)), 2)))
 
 
 def _find_gaps(mesh: Mesh, voxels: Voxels, cone: Cone, head: Head) -> tuple[Float64, Float64, Float64, Camera] | None:

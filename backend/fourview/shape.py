@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.spatial import cKDTree
 
 from ..errors import require
 from ..geometry.head import HeadSurface, find_scalp
-from ..geometry.strands import arc_lengths, select_strands, strand_lengths
+from ..geometry.strands import arc_lengths, resample, select_strands, strand_lengths
 from ..progress import NO_PROGRESS, Progress, subrange
 from ..types import Bools, Float32, Float64, Head, Mesh, StrandSet, check_array
 from .clipping import clip_shape
@@ -31,6 +32,7 @@ from .views import MAX_VIEWS, View
 _MOST_STRANDS = 4000  # more do not change the volume
 _MARGIN = 8.0  # voxels around the hair: the blur must not reach the cube's sides
 _LET_OUT = (0.003, 0.006, 0.01, 0.015, 0.02, 0.03)  # metres
+_WIDEST = 0.03  # metres, the widest gaps between strands that are taken for a thin sample of dense hair
 _SHELL = 0.02  # metres, how deep below the scalp the hair's volume reaches: its inner side is in the head
 
 
@@ -39,7 +41,8 @@ class ShapeParams:
     """Settings of find_shape.
 
     resolution : voxels along the bounding cube (Z-4). blur : sigma of the Gaussian, voxels.
-    gap : metres, gaps between strands, and between hair and head, up to twice that are filled.
+    gap : metres, gaps between strands, and between hair and head, up to twice that are filled; more where the strands
+        are a thin sample of the hair (`strand_spacing`).
     tube : metres, half the thickness of a lone strand.
     scalp_layer : metres, least thickness of hair on the scalp where the masks allow it.
     growth_rounds : carvings and growings by the masks after the deformation.
@@ -154,7 +157,7 @@ def hair_volume(strands: StrandSet, head: Head, params: ShapeParams) -> tuple[Fl
     voxels = voxels_around(low, high, params.resolution, _MARGIN)
     hair = strand_voxels(strands, voxels)
     inside = head_voxels(head, voxels)
-    gap, tube = params.gap / voxels.cell, params.tube / voxels.cell
+    gap, tube = max(params.gap, strand_spacing(strands)) / voxels.cell, params.tube / voxels.cell
     from_hair = distance_transform_edt(~hair)
     closed = distance_transform_edt(~(hair | inside)) <= gap
     closed = distance_transform_edt(closed) > gap  # closing: gaps between hairs and to the head
@@ -162,6 +165,19 @@ def hair_volume(strands: StrandSet, head: Head, params: ShapeParams) -> tuple[Fl
     solid |= inside & scalp_shell(head, voxels, max(_SHELL, 5.0 * voxels.cell))
     blurred = gaussian_filter(solid.astype(np.float32), params.blur, truncate=3.0) if params.blur > 0 else solid
     return without_specks(blurred.astype(np.float32) - np.float32(0.5)), voxels
+
+
+def strand_spacing(strands: StrandSet) -> float:
+    """Metres, about the distance between a strand and those around it; at most _WIDEST.
+
+    Three in four points, a quarter, half, three quarters and all of the way along their strands, have four of the other
+    strands' points within it. 0 for fewer than 8 strands.
+    """
+    if strands.n_strands < 8:
+        return 0.0
+    points = resample(strands, 5)[:, 1:].astype(np.float64)
+    fourth = [cKDTree(level).query(level, k=5)[0][:, -1] for level in points.transpose(1, 0, 2)]
+    return min(float(np.percentile(fourth, 75.0)), _WIDEST)
 
 
 def scalp_shell(head: Head, voxels: Voxels, thickness: float) -> Bools:
@@ -196,7 +212,7 @@ def _fill_masks(
         progress(number / params.growth_rounds, "filling the masks")
         field = np.minimum(settle_rims(field, voxels, cones, head), allowed)
         field = grow(field, allowed, voxels, cones, head, slack)
-        field = gaussian_filter(np.clip(field, -4.0 * voxels.cell, 4.0 * voxels.cell), 1.0)
+        field = gaussian_filter(np.clip(field, -3.0 * voxels.cell, 3.0 * voxels.cell), 1.0)
     field = np.minimum(settle_rims(field, voxels, cones, head), allowed)
     return surface(without_specks(field), voxels)
 
