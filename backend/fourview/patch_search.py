@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from ..types import Bools, Float32, Int32, Int64
 from ._patch_kernels import search
-from .patch_sources import Sources
+from .patch_sources import Sources, UInt32
 from .surface import Level
 
 # Runs of the scan order in which the vertices of a view are worked on side by side. A vertex takes what neighbours of
@@ -48,7 +48,8 @@ class Matches:
 def _runs(level: Level, targets: Bools, kept: Bools) -> tuple[Int32, Int64, Int32]:
     """Owner (n, V), tasks and targets of `Matches`; targets and kept are (n, V) bool."""
     owner = np.where(kept, _KEPT, _NONE).astype(np.int32)
-    tasks, ordered, first = [], [], 0
+    tasks: list[tuple[int, int, int]] = []
+    ordered, first = [], 0
     for view, wanted in enumerate(targets):
         vertices = level.order[wanted[level.order]]
         for run in np.array_split(vertices, min(_RUNS, max(1, len(vertices) // 64))):
@@ -124,15 +125,13 @@ def turns(jacobian: Float32, transform: Float32) -> Float32:
     """(k, 4) float32: J f as (xx, xy, yx, yy), of (k, 4) and rotation and scale (k, 2)."""
     across = transform[:, 1] * np.cos(transform[:, 0])
     along = transform[:, 1] * np.sin(transform[:, 0])
-    return np.stack(
-        [
-            jacobian[:, 0] * across + jacobian[:, 1] * along,
-            jacobian[:, 1] * across - jacobian[:, 0] * along,
-            jacobian[:, 2] * across + jacobian[:, 3] * along,
-            jacobian[:, 3] * across - jacobian[:, 2] * along,
-        ],
-        axis=1,
-    ).astype(np.float32)
+    columns = [
+        jacobian[:, 0] * across + jacobian[:, 1] * along,
+        jacobian[:, 1] * across - jacobian[:, 0] * along,
+        jacobian[:, 2] * across + jacobian[:, 3] * along,
+        jacobian[:, 3] * across - jacobian[:, 2] * along,
+    ]
+    return np.asarray(np.stack(columns, axis=1), np.float32)
 
 
 class PatchSearch:
@@ -155,7 +154,7 @@ class PatchSearch:
         self._limits = limits
         self._seed = seed
 
-    def improve(self, matches: Matches, texture: np.ndarray, iteration: int) -> None:
+    def improve(self, matches: Matches, texture: UInt32, iteration: int) -> None:
         """One iteration of propagation and random search for `texture` (T,) uint32; iterations count from 1."""
         if not matches.n_searched:
             return

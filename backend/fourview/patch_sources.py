@@ -8,14 +8,18 @@ of that, two by two numbers a pixel, is made once from the texels that the view 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry.camera import project
 from ..types import Bools, Camera, Float32, Float64, Int64
 from .texels import TexelMap
 from .views import UInt8, View
+
+UInt32 = NDArray[np.uint32]
 
 _STEP = 1e-4  # metres, for the differences that stand for derivatives of the projection
 _STEEPEST = 1.5  # pixels a texel; more (close to a perspective camera) is cut, so that no patch leaves the padding
@@ -46,14 +50,14 @@ class Sources:
     photo pixel, across and down. pad : pixels around each image.
     """
 
-    images: np.ndarray
+    images: UInt32
     jacobians: Float32
     usable: Bools
     frames: Int64
     scales: Float64
     pad: int
 
-    def image(self, view: int) -> np.ndarray:
+    def image(self, view: int) -> UInt32:
         """(H * W,) uint32."""
         first, height, width = self.frames[view]
         return self.images[first : first + height * width]
@@ -67,7 +71,7 @@ class Sources:
         first, height, width = self.frames[view]
         column = np.clip(position[:, 0].astype(np.int64), 0, width - 1)
         row = np.clip(position[:, 1].astype(np.int64), 0, height - 1)
-        return self.jacobians[first + row * width + column]
+        return np.asarray(self.jacobians[first + row * width + column])
 
 
 def tangents_of(normals: Float32 | Float64) -> tuple[Float64, Float64]:
@@ -81,7 +85,7 @@ def tangents_of(normals: Float32 | Float64) -> tuple[Float64, Float64]:
     return tangents, np.cross(wide, tangents)
 
 
-def filled(values: np.ndarray, known: Bools) -> np.ndarray:
+def filled(values: NDArray[Any], known: Bools) -> NDArray[Any]:
     """`values` (H, W, ...) with every pixel that is not `known` (H, W) taking the nearest known one's."""
     if known.all() or not known.any():
         return values
@@ -143,11 +147,11 @@ def _jacobians(camera: Camera, normals: Float32, points: Float32) -> Float32:
     start = project(camera, points.astype(np.float64))[:, :2]
     across = (project(camera, points + _STEP * tangents)[:, :2] - start) / _STEP
     down = (project(camera, points + _STEP * bitangents)[:, :2] - start) / _STEP
-    return np.stack([across[:, 0], down[:, 0], across[:, 1], down[:, 1]], axis=1).astype(np.float32)
+    return np.asarray(np.stack([across[:, 0], down[:, 0], across[:, 1], down[:, 1]], axis=1), np.float32)
 
 
 def _at_scale(photo: PhotoSurface, spacing: float, patch_size: int, enlargement: float, pad: int) -> tuple[
-    np.ndarray, Float32, Bools, Float64
+    UInt32, Float32, Bools, Float64
 ]:  # fmt: skip
     """Image (uint32), jacobians and usable centres of a view, padded, with pixels as large as texels; its scales."""
     height, width = photo.image.shape[:2]

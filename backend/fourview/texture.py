@@ -21,7 +21,7 @@ from ..progress import NO_PROGRESS, Progress, subrange
 from ..types import Bools, Float32, Int32, Mesh, check_array
 from ._voting_kernels import pack, patches_of_texels, sample_pixels, vote
 from .patch_search import Matches, PatchSearch, carry_to_finer, start_matches, turns
-from .patch_sources import Sources, filled, sources_at, surface_in_photo
+from .patch_sources import Sources, UInt32, filled, sources_at, surface_in_photo
 from .poisson import PoissonSolver, blend_views
 from .projection import ViewsOnTexels, initial_texture, project_views
 from .shape import RoughShape
@@ -199,7 +199,7 @@ def _with_neighbours(chosen: Bools, edges: Int32) -> Bools:
     return wider
 
 
-def packed(colours: Float32) -> np.ndarray:
+def packed(colours: Float32) -> UInt32:
     """(T,) uint32 of colours (T, 3) float32 in [0, 1]."""
     out = np.empty(len(colours), np.uint32)
     pack(np.ascontiguousarray(colours), out)

@@ -1,0 +1,228 @@
+"""PatchMatch between two flat images; `patch_match.py` explains the method.
+
+Images are rows of bytes, red, green, blue interleaved, with at least 32 bytes of padding at the end: a row of a patch
+(up to 10 pixels, 30 bytes) is read as one vector of 32 bytes, what is beyond the patch is masked away. The vector
+arithmetic is written in LLVM's own vectors, which exist on every processor; the loop over bytes that numba compiles
+takes 6 to 15 times as long, since LLVM does not see that its bytes can be widened in registers.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from ..kernels import device, inlined_device, parallel_kernel
+from ._patch_kernels import stream
+
+LANES = 32
+
+
+def _row_distance(typing_context: Any, a: Any, i: Any, b: Any, j: Any, mask: Any) -> Any:
+    """Sum of squared differences, int32, of the bytes a[i:i + 32] and b[j:j + 32] where mask[:32] is 255 (else 0)."""
+    signature = numba.types.int32(a, i, b, j, mask)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        integer = {bits: ir.IntType(bits) for bits in (8, 16, 32, 64)}
+        vector = {bits: ir.VectorType(integer[bits], LANES) for bits in (8, 16, 32)}
+
+        def load(place: int, offset: Any) -> Any:
+            array = context.make_array(signature.args[place])(context, builder, arguments[place])
+            start = builder.bitcast(builder.gep(array.data, [offset]), vector[8].as_pointer())
+            return builder.load(start, align=1)
+
+        kept = load(4, ir.Constant(integer[64], 0))
+        first = builder.zext(builder.and_(load(0, arguments[1]), kept), vector[16])
+        second = builder.zext(builder.and_(load(2, arguments[3]), kept), vector[16])
+        wide = builder.sext(builder.sub(first, second), vector[32])
+        kind = ir.FunctionType(integer[32], [vector[32]])
+        insert: Any = cgutils.get_or_insert_function
+        add = insert(builder.module, kind, f"llvm.vector.reduce.add.v{LANES}i32")
+        return builder.call(add, [builder.mul(wide, wide)])
+
+    return signature, generate
+
+
+row_distance: Any = intrinsic(_row_distance)
+
+
+@inlined_device
+def flat_distance(a: Any, i: int, a_row: int, b: Any, j: int, b_row: int, size: int, mask: Any, limit: Any) -> Any:
+    """Squared distance, int32, of the patches of `size` rows at bytes i and j; stops once it is above `limit`."""
+    total = np.int32(0)
+    for _ in range(size):
+        total = np.int32(total + row_distance(a, i, b, j, mask))
+        if total > limit:
+            break
+        i += a_row
+        j += b_row
+    return total
+
+
+@inlined_device
+def shifted(state: Any) -> Any:
+    """The next state of a stream of 64 random bits (xorshift)."""
+    state ^= state << np.uint64(13)
+    state ^= state >> np.uint64(7)
+    return state ^ (state << np.uint64(17))
+
+
+@device
+def _between(bits: Any, low: int, high: int) -> Any:
+    """An integer in [low, high) of 32 random bits."""
+    return low + np.int64((np.uint64(bits) * np.uint64(high - low)) >> np.uint64(32))
+
+
+@parallel_kernel
+def first_matches(a: Any, a_row: int, b: Any, b_row: int, b_size: Any, size: int, mask: Any, seed: int, start: Any,
+                  matches: Any, distances: Any) -> None:  # fmt: skip
+    """Matches (h, w, 2) int32, column and row: those of `start` (h, w, 2), where negative at random, and distances."""
+    height, width = distances.shape
+    for y in numba.prange(height):
+        state = stream(seed, 0, y, 0)
+        for x in range(width):
+            column, line = np.int64(start[y, x, 0]), np.int64(start[y, x, 1])
+            if column < 0:
+                state = shifted(state)
+                column = _between(state & np.uint64(0xFFFFFFFF), 0, b_size[1])
+                line = _between(state >> np.uint64(32), 0, b_size[0])
+            matches[y, x, 0], matches[y, x, 1] = column, line
+            distances[y, x] = flat_distance(
+                a, y * a_row + 3 * x, a_row, b, line * b_row + 3 * column, b_row, size, mask, np.int32(2147483647)
+            )
+
+
+@parallel_kernel
+def match_once(a: Any, a_row: int, b: Any, b_row: int, b_size: Any, size: int, mask: Any, bands: Any, border: Any,
+               iteration: int, seed: int, allowed: Any, matches: Any, distances: Any) -> None:  # fmt: skip
+    """One iteration: bands of rows side by side, each along its scan order, backwards in even iterations.
+
+    bands : (K + 1,) int64, first rows. border : (K, w, 2) int32, matches of the row before each band in its direction
+    of scan as they were before the iteration. b_size : rows and columns of places for patches of b; allowed (rows,
+    columns) uint8, places that may be matched.
+    """
+    for band in numba.prange(len(bands) - 1):
+        _match_band(a, a_row, b, b_row, b_size, size, mask, bands[band], bands[band + 1], border[band], iteration, seed,
+                    allowed, matches, distances)  # fmt: skip
+
+
+@inlined_device
+def _some_rows(a: Any, i: int, a_row: int, b: Any, j: int, b_row: int, first: int, size: int, mask: Any) -> Any:
+    """Squared distance, int32, of every second row of two patches, from row `first` on."""
+    total = np.int32(0)
+    for row in range(first, size, 2):
+        total = np.int32(total + row_distance(a, i + row * a_row, b, j + row * b_row, mask))
+    return total
+
+
+@device
+def _match_band(
+    a: Any, a_row: int, b: Any, b_row: int, b_size: Any, size: int, mask: Any, low: int, high: int, border: Any,
+    iteration: int, seed: int, allowed: Any, matches: Any, distances: Any,
+) -> None:  # fmt: skip
+    """The rows [low, high) of one iteration: the four neighbours' matches, then candidates at random (eq. 4)."""
+    width = distances.shape[1]
+    forwards = iteration % 2 == 1
+    places, halves = np.empty((64, 2), np.int64), np.empty(64, np.int32)
+    for row in range(high - low):
+        y = low + row if forwards else high - 1 - row
+        state = stream(seed, 0, y, iteration)
+        for column in range(width):
+            x = column if forwards else width - 1 - column
+            here = y * a_row + 3 * x
+            best, bx, by = _propagate(a, here, a_row, b, b_row, b_size, size, mask, x, y, low, high, border, forwards,
+                                      allowed, matches, distances)  # fmt: skip
+            count, reach = 0, max(b_size[0], b_size[1])
+            while reach >= 1 and best > 0:
+                state = shifted(state)
+                left, right = max(bx - reach, 0), min(bx + reach + 1, b_size[1])
+                top, bottom = max(by - reach, 0), min(by + reach + 1, b_size[0])
+                places[count, 0] = _between(state & np.uint64(0xFFFFFFFF), left, right)
+                places[count, 1] = _between(state >> np.uint64(32), top, bottom)
+                count += 1
+                reach >>= 1
+            best, bx, by = _best_place(a, here, a_row, b, b_row, size, mask, places, halves, count, allowed, best, bx,
+                                       by)  # fmt: skip
+            distances[y, x] = best
+            matches[y, x, 0], matches[y, x, 1] = bx, by
+
+
+@device
+def _propagate(
+    a: Any, here: int, a_row: int, b: Any, b_row: int, b_size: Any, size: int, mask: Any, x: int, y: int, low: int,
+    high: int, border: Any, forwards: bool, allowed: Any, matches: Any, distances: Any,
+) -> Any:  # fmt: skip
+    """Distance, column and row of the best of a patch's own match and those of its neighbours, moved by one.
+
+    The two neighbours that were not visited yet still have what the last iteration gave them.
+    """
+    best, bx, by = distances[y, x], np.int64(matches[y, x, 0]), np.int64(matches[y, x, 1])
+    for side in range(4):
+        dx, dy = (1 if side == 0 else -1 if side == 1 else 0), (1 if side == 2 else -1 if side == 3 else 0)
+        nx, ny = x - dx, y - dy
+        if nx < 0 or nx >= matches.shape[1]:
+            continue
+        if low <= ny < high:
+            cx, cy = np.int64(matches[ny, nx, 0]) + dx, np.int64(matches[ny, nx, 1]) + dy
+        elif (ny < low) == forwards and border[nx, 0] >= 0:
+            cx, cy = np.int64(border[nx, 0]) + dx, np.int64(border[nx, 1]) + dy
+        else:
+            continue
+        if (cx == bx and cy == by) or cx < 0 or cy < 0 or cx >= b_size[1] or cy >= b_size[0]:
+            continue
+        if allowed[cy, cx] == 0:
+            continue
+        error = flat_distance(a, here, a_row, b, cy * b_row + 3 * cx, b_row, size, mask, best)
+        if error < best:
+            best, bx, by = error, cx, cy
+    return best, bx, by
+
+
+@device
+def _best_place(
+    a: Any, here: int, a_row: int, b: Any, b_row: int, size: int, mask: Any, places: Any, halves: Any, count: int,
+    allowed: Any, best: Any, bx: int, by: int,
+) -> Any:  # fmt: skip
+    """The better of a match and the first `count` places (column, row).
+
+    Half the rows of all places are compared first, without a branch: the processor then fetches them side by side, and
+    few need the other half.
+    """
+    for k in range(count):
+        there = places[k, 1] * b_row + 3 * places[k, 0]
+        halves[k] = _some_rows(a, here, a_row, b, there, b_row, 0, size, mask)
+    for k in range(count):
+        if halves[k] < best and allowed[places[k, 1], places[k, 0]] != 0:
+            there = places[k, 1] * b_row + 3 * places[k, 0]
+            error = np.int32(halves[k] + _some_rows(a, here, a_row, b, there, b_row, 1, size, mask))
+            if error < best:
+                best, bx, by = error, places[k, 0], places[k, 1]
+    return best, bx, by
+
+
+@parallel_kernel
+def vote_flat(image: Any, matches: Any, touched: Any, size: int, out: Any) -> None:
+    """out (H, W, 3) uint8 = mean over the patches that contain a pixel of what their matches in `image` show there.
+
+    matches : (H - size + 1, W - size + 1, 2) int32. touched : of that shape, bool, the patches that vote.
+    """
+    height, width = touched.shape
+    for y in numba.prange(len(out)):
+        for x in range(out.shape[1]):
+            red, green, blue, count = 0, 0, 0, 0
+            for i in range(max(0, y - size + 1), min(height, y + 1)):
+                for j in range(max(0, x - size + 1), min(width, x + 1)):
+                    if touched[i, j]:
+                        line, column = matches[i, j, 1] + y - i, matches[i, j, 0] + x - j
+                        red += image[line, column, 0]
+                        green += image[line, column, 1]
+                        blue += image[line, column, 2]
+                        count += 1
+            if count > 0:
+                out[y, x, 0] = (red + count // 2) // count
+                out[y, x, 1] = (green + count // 2) // count
+                out[y, x, 2] = (blue + count // 2) // count
