@@ -252,7 +252,7 @@ class _Lengths:
             return np.full(len(roots), self.most)
         _, near = self.roots.query(roots, k=min(8, len(self.lengths)))
         typical = np.median(self.lengths[near.reshape(len(roots), -1)], axis=1)
-        return np.minimum(self.slack * typical + _LENGTH_MARGIN, self.most)
+        return np.asarray(np.minimum(self.slack * typical + _LENGTH_MARGIN, self.most))
 
     def around(self, places: Float32, random: np.random.Generator) -> tuple[Float64, Float64]:
         """(n,), (n,) metres that hair at places (n, 3) runs at most until it turns to the scalp, and on to its tip."""
