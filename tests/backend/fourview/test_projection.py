@@ -79,6 +79,17 @@ def test_a_wall_hides(scene):
     assert not hidden.visible.any() and hidden.facing.max() > 0.9
 
 
+def test_what_hides_is_more_than_the_tolerance_in_front(scene, seen):
+    """The shape itself, moved towards the camera: what was seen well stays visible behind 2 mm, and not behind 8."""
+    texels, views, closed = scene
+    well = seen.visible[0] & (seen.facing[0] > 0.7)
+    for distance, share in ((0.002, 1.0), (0.008, 0.0)):
+        moved = Mesh(closed.vertices - np.float32([0, distance, 0]), closed.triangles)
+        visible = project_views(texels, [views[0]], moved).visible[0, well]
+        # bumps of 4 mm, drawn at the middles of pixels of 1.6 mm
+        assert visible.mean() == pytest.approx(share, abs=0.03)
+
+
 def test_outside_the_picture_nothing_is_visible(scene):
     texels, views, closed = scene
     camera = views[0].camera
