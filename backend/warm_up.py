@@ -27,6 +27,8 @@ from .geometry.collider import comb_collider
 from .geometry.head import default_head, submesh
 from .geometry.roots import scatter_roots
 from .geometry.scalp_space import fit_scalp_space, unroot_strands
+from .geometry.strand_raster import hair_mask
+from .geometry.strand_scores import strand_scores
 from .geometry.strands import select_strands
 from .kernels import KERNELS
 from .progress import NO_PROGRESS, Progress, subrange
@@ -81,6 +83,7 @@ def compile_all(progress: Progress = NO_PROGRESS) -> int:
     progress(0.99, "Compiling: followers")
     _follow(strands, head)
     _keep_hairstyle(strands, head)
+    _look(strands, head)
     _lay_texture(head)
     _grow_and_colour(strands, head)
     return sum(bool(kernel.dispatcher.signatures) for kernel in KERNELS)
@@ -150,6 +153,12 @@ def _follow(strands: StrandSet, head: Head) -> None:
 def _keep_hairstyle(strands: StrandSet, head: Head) -> None:
     """A hairstyle of the database, its masks rendered, and back on the head."""
     HairDatabase((make_hairstyle("one", strands, entry_head(head)),)).strands(0, head)
+
+
+def _look(strands: StrandSet, head: Head) -> None:
+    """Strands before the head in a view, and their scores."""
+    hair_mask(standard_camera("back", head.vertices.mean(axis=0), 200.0, (64, 64)), strands, head)
+    strand_scores(strands, strands)
 
 
 def _lay_texture(head: Head) -> None:

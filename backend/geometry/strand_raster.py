@@ -17,6 +17,8 @@ SMALLEST_SHARE = 2e-4  # holes and specks below this share of the picture are no
 DENSE = 0.45  # covered share that counts as hair; a border of dense hair stays where it is at 0.5
 CLOSE_PX = 3.0
 PARTING = 5.0
+STRAND_WIDTH = 2.8e-4  # metres; 30,000 strands stand for 100,000 hairs of 0.08 mm
+LEAST_SHARE = 0.4  # lines much thinner than a pixel cover all where they are dense, which tells nothing any more
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,33 +80,53 @@ def hair_mask(
     occluder: Mesh | Head | None = None,
     *,
     close_px: float = CLOSE_PX,
+    strand_width: float = STRAND_WIDTH,
 ) -> Bools:
     """(H, W) bool: what a person would mark as hair in a photo of the strands.
 
     That is where strands are dense: gaps of about `close_px` between them are closed, single strands that fly away are
     left out, and so are small holes and specks. The occluder (the head) hides what lies behind it; where its scalp
     shows near hair (a parting), a person marks that too.
+
+    strand_width : metres that a strand stands for. Lines are drawn a pixel wide at least; what they cover too much is
+        taken off as for lines that lie by chance: of the share 1 - exp(-n) that n lines cover, 1 - exp(-n w) is left,
+        w being their true width in pixels, 0.4 at least.
     """
-    drawn = raster_strands(camera, strands, occluder).mask
+    width_px = strand_width * _pixels_per_metre(camera, strands)
+    drawn = raster_strands(camera, strands, occluder, max(width_px, 1.0)).mask
     scalp = scalp_pixels(camera, occluder) if isinstance(occluder, Head) else None
-    return marked_region(drawn.astype(np.float32), scalp, close_px=close_px)
+    return marked_region(
+        drawn.astype(np.float32), scalp, close_px=close_px, line_share=float(np.clip(width_px, LEAST_SHARE, 1.0))
+    )
 
 
-def marked_region(coverage: Float32, scalp: Bools | None = None, *, close_px: float = CLOSE_PX) -> Bools:
+def marked_region(
+    coverage: Float32, scalp: Bools | None = None, *, close_px: float = CLOSE_PX, line_share: float = 1.0
+) -> Bools:
     """(H, W) bool: the region that a person would mark, see `hair_mask`.
 
     coverage : (H, W) float32 in [0, 1], the share of each pixel that hair covers.
     scalp : (H, W) bool, where the scalp would show without hair; it counts as hair up to `PARTING` `close_px` from it.
+    line_share : what the lines' true width is of the width that they cover (above 0, up to 1).
     """
     require(close_px > 0, f"gaps of {close_px} pixels cannot be closed; take a number above 0")
+    require(0 < line_share <= 1, f"lines cannot have {line_share} of their width; take above 0 to 1")
     density = cv2.GaussianBlur(coverage, (0, 0), close_px, borderType=cv2.BORDER_REPLICATE)
-    region = density >= DENSE
+    region = density >= 1.0 - (1.0 - DENSE) ** (1.0 / line_share)
     if scalp is not None:
         reach = PARTING * close_px
         region |= scalp & _closed(region, reach)
     smallest = SMALLEST_SHARE * coverage.size
     filled = ~_without_small(~region, smallest)
     return _without_small(filled, smallest)
+
+
+def _pixels_per_metre(camera: Camera, strands: StrandSet) -> float:
+    scale = float(camera.intrinsics[0, 0])
+    if camera.orthographic or len(strands.points) == 0:
+        return scale
+    depth = project(camera, strands.points)[:, 2]
+    return scale / max(float(np.median(depth)), 1e-6)
 
 
 def scalp_pixels(camera: Camera, head: Head) -> Bools:

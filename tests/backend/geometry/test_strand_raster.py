@@ -114,14 +114,23 @@ def _curtain(x: np.ndarray, y: float = 0.0) -> StrandSet:
 
 def test_a_person_marks_the_curtain_and_not_the_stray_strand():
     hair = _curtain(np.concatenate([np.arange(-0.08, 0.08, 0.0016), [0.12]]))  # a strand on two of three pixels
-    mask = hair_mask(CURTAIN, hair)
+    mask = hair_mask(CURTAIN, hair, strand_width=0.001)
     expected = np.zeros((300, 300), bool)
     expected[70:230, 70:230] = True
     # at 63 % density the border lies 1.6 pixels further in, on four sides of 160
     assert np.count_nonzero(mask & expected) / np.count_nonzero(mask | expected) > 0.94
-    solid = hair_mask(CURTAIN, _curtain(np.arange(-0.08, 0.08, 0.0008)))
+    solid = hair_mask(CURTAIN, _curtain(np.arange(-0.08, 0.08, 0.0008)), strand_width=0.001)
     assert np.count_nonzero(solid & expected) / np.count_nonzero(solid | expected) > 0.985
     assert not mask[:, 255:].any()
+
+
+def test_thin_strands_have_to_be_dense():
+    """Lines of 0.5 pixels on a share D of the pixels cover 1 - sqrt(1 - D): 45 % from D = 70 % on."""
+    rng = np.random.default_rng(0)
+    for share, hair in ((0.62, False), (0.78, True)):
+        drawn = (rng.random((300, 300)) < share).astype(np.float32)
+        assert marked_region(drawn).mean() > 0.99
+        assert (marked_region(drawn, line_share=0.5).mean() > 0.9) == hair
 
 
 def test_gaps_close_and_windows_stay():
