@@ -117,7 +117,7 @@ def _release_parts(weights: Floats, edges: Int32, labels: Int32) -> Int32:
     _, names = np.unique(parts[lost], return_inverse=True)
     labels[lost] = before.max() + 1 + names
     moved = labels != before
-    return np.unique(np.concatenate([labels[moved], before[moved]]))
+    return np.asarray(np.unique(np.concatenate([labels[moved], before[moved]])), np.int32)
 
 
 def mesh_edges(triangles: Int32) -> Int32:
