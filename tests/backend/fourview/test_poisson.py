@@ -159,7 +159,8 @@ print(digest.hexdigest())
 def test_the_same_bytes_for_any_number_of_threads():
     digests = set()
     for threads in ("1", "2"):
-        environment = os.environ | {"NUMBA_NUM_THREADS": threads, "PYTHONPATH": os.path.dirname(__file__)}
+        path = os.pathsep.join([os.path.dirname(__file__), os.environ.get("PYTHONPATH", "")])
+        environment = os.environ | {"NUMBA_NUM_THREADS": threads, "PYTHONPATH": path}
         ran = subprocess.run(
             [sys.executable, "-c", _BYTES], env=environment, capture_output=True, text=True, check=True
         )
