@@ -12,13 +12,14 @@ from .fields.grid import dense_grid
 from .fourview.appearance import strand_colours
 from .fourview.database import HairDatabase
 from .fourview.database_entries import entry_head, make_hairstyle
+from .fourview.deformation import DeformationParams
 from .fourview.detail import add_detail
 from .fourview.filling import grow_strands
 from .fourview.growth import GrowthParams
 from .fourview.poisson import PoissonSolver, blend_views
 from .fourview.projection import initial_texture, project_views
 from .fourview.remeshing import cluster_evenly
-from .fourview.shape import RoughShape
+from .fourview.shape import RoughShape, ShapeParams, find_shape
 from .fourview.surface import SurfaceParams, make_surface
 from .fourview.views import View as Photo
 from .geometry.camera import standard_camera
@@ -86,6 +87,7 @@ def compile_all(progress: Progress = NO_PROGRESS) -> int:
     _look(strands, head)
     _lay_texture(head)
     _grow_and_colour(strands, head)
+    _shape(strands, head)
     return sum(bool(kernel.dispatcher.signatures) for kernel in KERNELS)
 
 
@@ -189,3 +191,13 @@ def _grow_and_colour(strands: StrandSet, head: Head) -> None:
     photo = Photo("back", np.zeros((64, 64, 3), np.uint8), np.ones((64, 64), np.bool_), camera)
     grown = grow_strands(down, shape, [photo], head, GrowthParams(n_guides=16, n_strands=32, n_points=8))
     strand_colours(add_detail(grown, down), [photo], head)
+
+
+def _shape(strands: StrandSet, head: Head) -> None:
+    """The rough shape of a few strands in one small photo."""
+    camera = standard_camera("back", head.vertices.mean(axis=0), 200.0, (64, 64))
+    mask = np.zeros((64, 64), np.bool_)
+    mask[8:40, 16:48] = True
+    photo = Photo("back", np.zeros((64, 64, 3), np.uint8), mask, camera)
+    deformation = DeformationParams(rounds=1, outline_points=16)
+    find_shape(strands, "", [photo], head, ShapeParams(resolution=32, growth_rounds=1, deformation=deformation))

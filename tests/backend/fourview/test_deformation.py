@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from radial_hair import FOUR, HEAD, dome, overlap, views
-
 from hairloom.errors import InputError
 from hairloom.fourview.deformation import (
     DeformationParams,
@@ -15,6 +13,7 @@ from hairloom.fourview.deformation import (
 )
 from hairloom.geometry.camera import project, towards
 from hairloom.types import Mesh
+from radial_hair import FOUR, HEAD, dome, overlap, views
 
 ROUND = dome(0.14, n_rings=24)
 

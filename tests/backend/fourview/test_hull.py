@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from radial_hair import HEAD, RADIUS, camera, dome, view, views
-
 from hairloom.fourview.hull import (
     allowed_distance,
     grow,
@@ -16,6 +14,7 @@ from hairloom.fourview.hull import (
 from hairloom.fourview.solid import signed_distance, surface, voxels_around
 from hairloom.fourview.views import View
 from hairloom.types import Mesh
+from radial_hair import HEAD, RADIUS, camera, dome, view, views
 
 VOXELS = voxels_around(np.full(3, -0.19), np.full(3, 0.19), 56, 3.0)
 
@@ -121,10 +120,10 @@ def test_rims_settle_on_the_border_from_both_sides():
         settled = surface(settle_rims(field, VOXELS, cones, HEAD), VOXELS)
         top = settled.vertices[:, 2].max()
         assert top == pytest.approx(0.15, abs=0.3 * VOXELS.cell) and abs(top - 0.15) < 0.5 * abs(radius - 0.15)
-        # halfway down and between the views no outline passes: the surface stays
-        between = np.array([0.5, 0.5, 0.5**0.5])
-        across = settled.vertices[(settled.vertices @ between > 0.995 * np.linalg.norm(settled.vertices, axis=1))]
-        assert np.allclose(np.linalg.norm(across, axis=1), radius, atol=0.15 * VOXELS.cell)
+        # between the views and lower down no outline passes: the surface stays
+        between = np.array([0.6, 0.6, 0.28**0.5])
+        across = settled.vertices[(settled.vertices @ between > 0.998 * np.linalg.norm(settled.vertices, axis=1))]
+        assert np.allclose(np.linalg.norm(across, axis=1), radius, atol=0.3 * VOXELS.cell)
 
 
 def test_a_mask_that_the_others_contradict_cannot_be_covered():

@@ -1,12 +1,11 @@
 import numpy as np
 import pytest
-from radial_hair import FOUR, HEAD, RADIUS, boundary_edges, dome, overlap, radial_strands, view, views, volume
-
 from hairloom.errors import Cancelled, InputError
 from hairloom.fourview.shape import RoughShape, ShapeParams, find_shape, remove_detail
 from hairloom.fourview.views import View
 from hairloom.geometry.head import HeadSurface
 from hairloom.types import Head, StrandSet
+from radial_hair import FOUR, HEAD, RADIUS, boundary_edges, dome, overlap, radial_strands, view, views, volume
 
 PARAMS = ShapeParams(resolution=64)
 STRANDS = radial_strands()

@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from radial_hair import HEAD, RADIUS, boundary_edges, radial_strands, volume
-
 from hairloom.fourview.solid import (
     Voxels,
     head_voxels,
@@ -16,6 +14,7 @@ from hairloom.fourview.solid import (
 from hairloom.geometry.head import HeadSurface, default_head, sphere_head
 from hairloom.geometry.strands import from_dense
 from hairloom.types import Mesh
+from radial_hair import HEAD, RADIUS, boundary_edges, radial_strands, volume
 
 CUBE = voxels_around(np.full(3, -0.12), np.full(3, 0.12), 40, 2.0)
 
