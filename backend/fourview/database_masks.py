@@ -72,18 +72,21 @@ def backdrop(camera: Camera, head: Head) -> Backdrop:
     return Backdrop(seen.depth, np.asarray((seen.triangle >= 0) & head.scalp[seen.triangle]))
 
 
-def render_mask(camera: Camera, points: Floats, behind: Backdrop, closing_px: float, tolerance: float) -> Bools:
+def render_mask(
+    camera: Camera, points: Floats, behind: Backdrop, closing_px: float, tolerance: float, coverage: float = 1.0
+) -> Bools:
     """(H, W) bool: the pixels where hair shows.
 
     Parameters
     ----------
     points : (S, N, 3), strands in the camera's world. behind : `backdrop` of the head.
     closing_px : see `strand_raster.marked_region`. tolerance : metres that hair may lie behind the skin.
+    coverage : share of a pixel that counts as covered where a strand goes through.
     """
     width, height = camera.size
     mask = np.zeros((height, width), np.uint8)
     mark_strands(project(camera, points), behind.depth, tolerance, mask)
-    return marked_region(mask.astype(np.float32), behind.scalp, close_px=closing_px)
+    return marked_region(np.float32(coverage) * mask.astype(np.float32), behind.scalp, close_px=closing_px)
 
 
 def grid_backdrops(head: Head) -> tuple[Backdrop, ...]:
