@@ -16,11 +16,13 @@ from .fourview.deformation import DeformationParams
 from .fourview.detail import add_detail
 from .fourview.filling import grow_strands
 from .fourview.growth import GrowthParams
+from .fourview.patch_match import fill_hole
 from .fourview.poisson import PoissonSolver, blend_views
 from .fourview.projection import initial_texture, project_views
 from .fourview.remeshing import cluster_evenly
 from .fourview.shape import RoughShape, ShapeParams, find_shape
 from .fourview.surface import SurfaceParams, make_surface
+from .fourview.texture import SurfaceTextureParams, synthesize_texture
 from .fourview.views import View as Photo
 from .geometry.camera import standard_camera
 from .geometry.cleanup import clean_up
@@ -167,13 +169,18 @@ def _lay_texture(head: Head) -> None:
     """Atlas, texels and patches on the scalp, one photo on them with a hole, blended and solved."""
     scalp = submesh(head, head.scalp)
     mesh = Mesh(scalp.vertices, scalp.triangles)
-    texels = make_surface(mesh, SurfaceParams(64, 1, atlas_vertices=100, subdivisions=0)).levels[0].texels
+    surface = make_surface(mesh, SurfaceParams(64, 1, atlas_vertices=100, subdivisions=0))
+    texels = surface.levels[0].texels
     camera = standard_camera("back", scalp.vertices.mean(axis=0), 200.0, (64, 64))
     photo = Photo("back", np.zeros((64, 64, 3), np.uint8), np.ones((64, 64), np.bool_), camera)
     seen = project_views(texels, [photo], mesh)
     colours = initial_texture(texels, seen, [photo])
     blended, gradients = blend_views(colours[None], seen.alpha, texels.edges)
     PoissonSolver(texels.edges, texels.n_texels).solve(blended, gradients)
+    synthesize_texture(surface, mesh, [photo], SurfaceTextureParams(iterations=(1,)))
+    gap = np.zeros((64, 64), np.bool_)
+    gap[30:34, 30:34] = True
+    fill_hole(np.zeros((64, 64, 3), np.uint8), gap)
     # a cluster in two parts
     cluster_evenly(np.eye(4, 3), np.ones(4), np.array([[0, 1], [2, 3]], np.int32), 1)
 

@@ -59,7 +59,9 @@ def _with_vertices(texels, index, rows, size, spacing, patch_size, stride):
     column = np.floor(column).astype(int) % size
     line = np.floor(line).astype(int)
     cells = np.where(
-        ((line >= 0) & (line < len(rows)))[:, :, None], index[np.clip(line, 0, len(rows) - 1)[:, :, None], column[:, None, :]], -1
+        ((line >= 0) & (line < len(rows)))[:, :, None],
+        index[np.clip(line, 0, len(rows) - 1)[:, :, None], column[:, None, :]],
+        -1,
     )
     number = np.arange(i.size).reshape(i.shape)
     rings = []

@@ -205,24 +205,26 @@ def _best_place(
 
 
 @parallel_kernel
-def vote_flat(image: Any, matches: Any, touched: Any, size: int, out: Any) -> None:
+def vote_flat(image: Any, matches: Any, weights: Any, size: int, out: Any) -> None:
     """out (H, W, 3) uint8 = mean over the patches that contain a pixel of what their matches in `image` show there.
 
-    matches : (H - size + 1, W - size + 1, 2) int32. touched : of that shape, bool, the patches that vote.
+    matches : (H - size + 1, W - size + 1, 2) int32. weights : of that shape, float32; a patch of 0 does not vote.
     """
-    height, width = touched.shape
+    height, width = weights.shape
     for y in numba.prange(len(out)):
         for x in range(out.shape[1]):
-            red, green, blue, count = 0, 0, 0, 0
+            red, green, blue, total = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
             for i in range(max(0, y - size + 1), min(height, y + 1)):
                 for j in range(max(0, x - size + 1), min(width, x + 1)):
-                    if touched[i, j]:
+                    weight = weights[i, j]
+                    if weight > 0:
                         line, column = matches[i, j, 1] + y - i, matches[i, j, 0] + x - j
-                        red += image[line, column, 0]
-                        green += image[line, column, 1]
-                        blue += image[line, column, 2]
-                        count += 1
-            if count > 0:
-                out[y, x, 0] = (red + count // 2) // count
-                out[y, x, 1] = (green + count // 2) // count
-                out[y, x, 2] = (blue + count // 2) // count
+                        red += weight * np.float32(image[line, column, 0])
+                        green += weight * np.float32(image[line, column, 1])
+                        blue += weight * np.float32(image[line, column, 2])
+                        total += weight
+            if total > 0:
+                half = np.float32(0.5)
+                out[y, x, 0] = np.uint8(red / total + half)
+                out[y, x, 1] = np.uint8(green / total + half)
+                out[y, x, 2] = np.uint8(blue / total + half)

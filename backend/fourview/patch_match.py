@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from ..errors import require
-from ..types import Bools, Int32, check_array
+from ..types import Bools, Float32, Int32, check_array
 from ._planar_kernels import LANES, first_matches, match_once, vote_flat
 from .patch_sources import filled
 from .views import UInt8
@@ -121,8 +121,8 @@ class FillParams:
     """Settings of fill_hole."""
 
     patch_size: int = 7  # pixels along a side
-    n_searches: int = 2  # iterations of PatchMatch between two votes
-    n_votes: int = 4  # at each scale
+    n_searches: int = 1  # iterations of PatchMatch between two votes
+    n_votes: int = 8  # at each scale but the two finest, which have half and a quarter of it
     coarsest: int = 24  # pixels of the shorter side at which the pyramid ends
     seed: int = 0
 
@@ -137,7 +137,7 @@ def fill_hole(image: UInt8, hole: Bools, params: FillParams = FillParams()) -> U
     """`image` with its hole filled by patches from around it, coarse to fine (Wexler et al. 2007; M-35, M-36).
 
     At each scale in turn: a match outside the hole for every patch that touches it, and each pixel of the hole becomes
-    the mean of what the matches of the patches over it show there.
+    the mean of what the matches of the patches over it show there, patches that match well counting more.
 
     Parameters
     ----------
@@ -162,13 +162,15 @@ def fill_hole(image: UInt8, hole: Bools, params: FillParams = FillParams()) -> U
         scales.append(smaller)
     filled_image: UInt8 | None = None
     matches: Int32 | None = None
-    for picture, gap in reversed(scales):
+    for number, (picture, gap) in reversed(list(enumerate(scales))):
         if filled_image is None:
             filled_image = filled(picture, ~gap)
         else:
             larger = cv2.resize(filled_image, gap.shape[::-1], interpolation=cv2.INTER_LINEAR)
             filled_image = np.where(gap[..., None], larger, picture)
-        filled_image, matches = _fill_scale(filled_image, gap, matches, params)
+        filled_image, matches = _fill_scale(
+            filled_image, gap, matches, params, max(1, params.n_votes >> max(0, 2 - number))
+        )
     assert filled_image is not None
     return filled_image
 
@@ -190,7 +192,9 @@ def _places(hole: Bools, size: int) -> tuple[Bools, Bools]:
     return inside > 0, inside == 0
 
 
-def _fill_scale(image: UInt8, hole: Bools, coarse: Int32 | None, params: FillParams) -> tuple[UInt8, Int32]:
+def _fill_scale(
+    image: UInt8, hole: Bools, coarse: Int32 | None, params: FillParams, n_votes: int
+) -> tuple[UInt8, Int32]:
     """One scale: the image with new colours in the hole, and the matches (h, w, 2), -1 outside the hole's surroundings.
 
     Only the box of patches that touch the hole is searched. coarse : the matches of the scale before.
@@ -207,18 +211,26 @@ def _fill_scale(image: UInt8, hole: Bools, coarse: Int32 | None, params: FillPar
         good[good] = allowed[larger[good][:, 1], larger[good][:, 0]]
         start[good] = larger[good]
     start = start[inner]
-    for vote in range(params.n_votes):
+    for vote in range(n_votes):
         search = FlatSearch(image[box], image, size, params.seed + vote, allowed, start)
         for _ in range(params.n_searches):
             search.improve()
         start = search.place
         voted = np.empty((*hole[box].shape, 3), np.uint8)
-        vote_flat(image, start, touched[inner], size, voted)
+        vote_flat(image, start, _vote_weights(search.distance, touched[inner]), size, voted)
         image = image.copy()
         image[box] = np.where(hole[box][..., None], voted, image[box])
     matches = np.full((*touched.shape, 2), -1, np.int32)
     matches[inner] = start
     return image, matches
+
+
+def _vote_weights(distance: Int32, touched: Bools) -> Float32:
+    """(h, w) float32, exp(-d / 2 s^2) of patches that touch the hole, s^2 being half their median (M-36); else 0."""
+    middle = max(float(np.median(distance[touched])), 1.0)
+    # none is 0, so that every pixel of the hole gets a vote
+    likeness = np.maximum(np.exp(-distance / np.float32(middle)), 1e-6)
+    return np.asarray(np.where(touched, likeness, 0), np.float32)
 
 
 def _random_places(allowed: Bools, shape: tuple[int, ...], seed: int) -> Int32:
