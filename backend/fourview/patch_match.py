@@ -237,7 +237,7 @@ def _random_places(allowed: Bools, shape: tuple[int, ...], seed: int) -> Int32:
     """(h, w, 2) int32: a place that may be a source, column and row, for each patch."""
     rows, columns = np.nonzero(allowed)
     chosen = np.random.default_rng(seed).integers(0, len(rows), shape)
-    return np.stack([columns[chosen], rows[chosen]], axis=2).astype(np.int32)
+    return np.asarray(np.stack([columns[chosen], rows[chosen]], axis=2), np.int32)
 
 
 def _larger(coarse: Int32, shape: tuple[int, ...]) -> Int32:
