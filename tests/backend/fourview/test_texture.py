@@ -6,7 +6,7 @@ import pytest
 from cylinder_surface import PIXELS_PER_METRE, look, make_level, make_surface, make_view, stripes
 from hairloom.errors import InputError
 from hairloom.fourview import texture as texture_module
-from hairloom.fourview._patch_kernels import patch_distance
+from hairloom.fourview._patch_kernels import patch_distance, turned
 from hairloom.fourview._voting_kernels import patches_of_texels
 from hairloom.fourview.patch_search import start_matches, turns
 from hairloom.fourview.patch_sources import sources_at, surface_in_photo
@@ -140,6 +140,20 @@ def test_a_patch_of_the_source_is_what_the_surface_shows():
 
     assert error(0.0) < 3 * 15**2  # nearest pixels of slopes of 20 levels a pixel
     assert error(0.0) < 0.3 * min(error(0.4), error(-0.4))
+
+
+@numba.njit
+def _turned(jacobian, angle, scale):
+    return turned(jacobian, angle, scale)
+
+
+def test_rotation_and_scale_come_before_the_surface_in_search_and_votes():
+    jacobian = np.float32([0.7, 0.2, -0.1, 0.9])
+    angle, scale = np.float32(0.2), np.float32(1.1)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    truth = (scale * jacobian.reshape(2, 2) @ turn).ravel()
+    assert np.allclose(turns(jacobian[None], np.float32([[angle, scale]]))[0], truth, atol=1e-6)
+    assert np.allclose(_turned(jacobian, angle, scale), truth, atol=1e-6)
 
 
 def test_start_matches_are_where_the_view_sees_the_vertex_or_may_look():
