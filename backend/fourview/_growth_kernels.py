@@ -82,12 +82,18 @@ def _keep_off_head(point: Float64, clearance: float, distances: Float32, directi
 
 
 @device
-def _field_step(values: Float64, heading: Float64, keep: float, out: Float64) -> bool:
-    """out (3,): the field's direction, smoothed by the line's heading; false where there is none."""
+def _field_step(values: Float64, heading: Float64, keep: float, along: float, out: Float64) -> bool:
+    """out (3,): the field's direction, smoothed by the line's heading; false where there is none.
+
+    along : 1 or -1 takes the field's sense to be unknown, and that which goes with or against the heading; 0: known.
+    """
     for axis in range(3):
         out[axis] = values[DIRECTION + axis]
     if _unit(out) < 0.05:
         return False
+    if along * (out[0] * heading[0] + out[1] * heading[1] + out[2] * heading[2]) < 0.0:
+        for axis in range(3):
+            out[axis] = -out[axis]
     for axis in range(3):
         out[axis] += keep * heading[axis]
     return bool(_unit(out) > 1e-6)
@@ -96,12 +102,13 @@ def _field_step(values: Float64, heading: Float64, keep: float, out: Float64) ->
 @device
 def _forward(
     start: Float64, normal: Float64, length: float, step: float, layer: float, upstream: float, clearance: float,
-    rooted: bool, distances: Float32, directions: Float32, origin: Float64, cell: float, line: Float64,
+    rooted: bool, signed: bool, distances: Float32, directions: Float32, origin: Float64, cell: float, line: Float64,
 ) -> tuple[int, int]:  # fmt: skip
     """Fill line (K, 3) from start towards the tip; returns its points and why it ended.
 
     layer : 1 on the outer surface, 0 on the scalp: where among the hair the strand lies in the end. upstream : metres
-    along the scalp from where the hair parts to the root. rooted : it starts on the scalp, along its normal.
+    along the scalp from where the hair parts to the root. rooted : it starts on the scalp, along its normal. signed :
+    the field's sense is trusted; otherwise it is what goes on from `normal`.
     """
     values, point, heading, vector = np.empty(N_VALUES), np.empty(3), np.empty(3), np.empty(3)
     for axis in range(3):
@@ -113,7 +120,7 @@ def _forward(
         arc = (count - 1) * step
         if values[SHAPE] <= 0.0:
             entered = True
-        if not _field_step(values, heading, _TURN * min(1.0, cell / step), vector):
+        if not _field_step(values, heading, _TURN * min(1.0, cell / step), 0.0 if signed else 1.0, vector):
             return count, LOST
         if not entered:
             # between the scalp and the shape: straight to it
@@ -156,8 +163,8 @@ def _forward(
 
 @device
 def _backward(
-    start: Float64, length: float, step: float, over_scalp: float, clearance: float, distances: Float32,
-    directions: Float32, origin: Float64, cell: float, line: Float64,
+    start: Float64, length: float, step: float, over_scalp: float, clearance: float, signed: bool,
+    distances: Float32, directions: Float32, origin: Float64, cell: float, line: Float64,
 ) -> tuple[int, int]:  # fmt: skip
     """Fill line (K, 3) from start back to the scalp; returns its points and why it ended.
 
@@ -169,8 +176,17 @@ def _backward(
         point[axis], line[0, axis] = start[axis], start[axis]
     sample_space(distances, directions, origin, cell, point[0], point[1], point[2], values)
     depth = values[OUTER]
+    sense, g = -1.0, GRADIENTS + 3 * SCALP
+    if not signed:
+        # back is where the scalp is nearer
+        away = (
+            values[DIRECTION] * values[g]
+            + values[DIRECTION + 1] * values[g + 1]
+            + values[DIRECTION + 2] * values[g + 2]
+        )
+        sense = -1.0 if away > 0.0 else 1.0
     for axis in range(3):
-        heading[axis] = -values[DIRECTION + axis]
+        heading[axis] = sense * values[DIRECTION + axis]
     _unit(heading)
     descends, above, since = False, 0.0, 0.0
     count = 1
@@ -178,7 +194,7 @@ def _backward(
         if values[SCALP] < 1.5 * step or (descends and values[SCALP] < 3.0 * clearance):
             return count, ROOTED
         g = GRADIENTS + 3 * SCALP
-        found = _field_step(values, heading, 0.0, vector)
+        found = _field_step(values, heading, 0.0, 0.0 if signed else -1.0, vector)
         turned = vector[0] * heading[0] + vector[1] * heading[1] + vector[2] * heading[2]
         if values[SCALP] < _OVER_SCALP:
             above += step
@@ -217,26 +233,27 @@ def _backward(
 @parallel_kernel
 def grow_forward(
     starts: Float64, normals: Float64, lengths: Float64, step: float, layers: Float64, upstream: Float64,
-    clearance: float, rooted: bool, distances: Float32, directions: Float32, origin: Float64, cell: float,
+    clearance: float, rooted: bool, signed: bool, distances: Float32, directions: Float32, origin: Float64, cell: float,
     lines: Float64, counts: Int32, reasons: Int32,
 ) -> None:  # fmt: skip
     """lines (S, K, 3), counts (S,), reasons (S,): a line from each start (S, 3), see _forward."""
     for s in numba.prange(len(starts)):
         counts[s], reasons[s] = _forward(
-            starts[s], normals[s], lengths[s], step, layers[s], upstream[s], clearance, rooted, distances, directions,
-            origin, cell, lines[s],
+            starts[s], normals[s], lengths[s], step, layers[s], upstream[s], clearance, rooted, signed, distances,
+            directions, origin, cell, lines[s],
         )  # fmt: skip
 
 
 @parallel_kernel
 def grow_backward(
-    starts: Float64, lengths: Float64, step: float, over_scalp: Float64, clearance: float, distances: Float32,
-    directions: Float32, origin: Float64, cell: float, lines: Float64, counts: Int32, reasons: Int32,
+    starts: Float64, lengths: Float64, step: float, over_scalp: Float64, clearance: float, signed: bool,
+    distances: Float32, directions: Float32, origin: Float64, cell: float, lines: Float64, counts: Int32,
+    reasons: Int32,
 ) -> None:  # fmt: skip
     """lines (S, K, 3), counts (S,), reasons (S,): a line from each start (S, 3) to the scalp, see _backward."""
     for s in numba.prange(len(starts)):
         counts[s], reasons[s] = _backward(
-            starts[s], lengths[s], step, over_scalp[s], clearance, distances, directions, origin, cell, lines[s]
+            starts[s], lengths[s], step, over_scalp[s], clearance, signed, distances, directions, origin, cell, lines[s]
         )
 
 
@@ -314,6 +331,9 @@ def _blended_direction(old: Float64, i: int, length: float, weight: float, value
     for axis in range(3):
         vector[axis] = (old[i + 1, axis] - old[i, axis]) / max(length, 1e-9)
         agree += vector[axis] * values[DIRECTION + axis] * scale
+    if agree < -0.3:
+        # the sense may be wrong where the orientation is right
+        scale, agree = -scale, -agree
     share = weight * min(max(2.0 * agree + 0.6, 0.0), 1.0)
     if values[SCALP] < _FREE:
         share *= max(values[SCALP], 0.0) / _FREE

@@ -25,7 +25,7 @@ from .hair_space import HEAD, OUTER, SCALP, SHAPE, HairShape, HairSpace, make_ha
 
 _STEP = 0.5  # cells that a guide grows in a step
 _FROM_SCALP = 0.55  # share of the guides that start on the scalp; the others cover what these leave bare
-_ROUNDS = 4  # of covering: later ones see what earlier ones have covered
+_ROUNDS, _UNSIGNED_ROUNDS = 5, 2  # of covering: later ones see what earlier ones have covered
 _ALONG = 0.82  # cosine to the field within which a guide covers a place of the surface
 _DEPTH = 0.012  # metres under the surface within which a guide covers it
 _DESCENT = 0.1  # metres over the scalp after which a guide traced back goes down to it, at most
@@ -119,7 +119,9 @@ def grow_guides(
         chosen = _spread(np.flatnonzero(bare), wanted, params.seed + turn)
         if len(chosen) == 0:
             break
-        points, normals = tracer.from_surface(samples[chosen], params.seed + turn)
+        # what no line along the field reaches may be where its sense is wrong: take its orientation alone
+        signed = turn < _ROUNDS - _UNSIGNED_ROUNDS
+        points, normals = tracer.from_surface(samples[chosen], params.seed + turn, signed)
         parts.append(points)
         directions.append(normals)
         left -= len(points)
@@ -152,7 +154,7 @@ class _Tracer:
         lines, counts, _ = self._forward(roots.points, normals, lengths, layers, upstream, True)
         return self._finish(lines, counts, normals)
 
-    def from_surface(self, places: Float32, seed: int) -> tuple[Float32, Float32]:
+    def from_surface(self, places: Float32, seed: int, signed: bool) -> tuple[Float32, Float32]:
         """Guides (G, N, 3) through places (n, 3) of the outer surface, and the scalp's normals (G, 3)."""
         at = self.space.at(places)
         inward = -at[:, 7 + 3 * SHAPE : 10 + 3 * SHAPE]
@@ -160,13 +162,14 @@ class _Tracer:
         random = np.random.default_rng(seed)
         over_scalp = random.uniform(0.0, _DESCENT, len(starts))
         behind, beyond = self.lengths.around(places, random)
-        back, n_back, reason = self._backward(starts, behind, over_scalp)
+        back, n_back, reason = self._backward(starts, behind, over_scalp, signed)
         found = reason == ROOTED
         back, n_back, starts, beyond = back[found], n_back[found], starts[found], beyond[found]
-        headings = self.space.at(starts)[:, 4:7]
+        headings = starts - back[np.arange(len(back)), np.minimum(n_back - 1, 2)] if len(back) else starts
+        headings = headings / np.maximum(np.linalg.norm(headings, axis=1, keepdims=True), 1e-9)
         lengths = np.clip(self.params.max_length - n_back * self.step, self.step, beyond)
         layers, upstream = np.ones(len(starts)), np.zeros(len(starts))
-        ahead, n_ahead, _ = self._forward(starts, headings, lengths, layers, upstream, False)
+        ahead, n_ahead, _ = self._forward(starts, headings, lengths, layers, upstream, False, signed)
         lines, counts = _join(back, n_back, ahead, n_ahead)
         ends = np.ascontiguousarray(lines[:, 0], np.float32)
         triangles, barycentric = self._on_scalp(ends)
@@ -205,20 +208,22 @@ class _Tracer:
 
     def _forward(
         self, starts: Float32 | Float64, normals: Float32 | Float64, lengths: Float64, layers: Float64,
-        upstream: Float64, rooted: bool,
+        upstream: Float64, rooted: bool, signed: bool = True,
     ) -> tuple[Float64, Int32, Int32]:  # fmt: skip
         lines, counts, reasons = self._room(len(starts))
         grow_forward(
             np.ascontiguousarray(starts, np.float64), np.ascontiguousarray(normals, np.float64), lengths, self.step,
-            layers, upstream, self.params.clearance, rooted, self.space.distances, self.space.directions,
+            layers, upstream, self.params.clearance, rooted, signed, self.space.distances, self.space.directions,
             self.space.origin, self.space.cell, lines, counts, reasons,
         )  # fmt: skip
         return lines, counts, reasons
 
-    def _backward(self, starts: Float64, lengths: Float64, over_scalp: Float64) -> tuple[Float64, Int32, Int32]:
+    def _backward(
+        self, starts: Float64, lengths: Float64, over_scalp: Float64, signed: bool
+    ) -> tuple[Float64, Int32, Int32]:
         lines, counts, reasons = self._room(len(starts))
         grow_backward(
-            np.ascontiguousarray(starts, np.float64), lengths, self.step, over_scalp, self.params.clearance,
+            np.ascontiguousarray(starts, np.float64), lengths, self.step, over_scalp, self.params.clearance, signed,
             self.space.distances, self.space.directions, self.space.origin, self.space.cell, lines, counts, reasons,
         )  # fmt: skip
         return lines, counts, reasons
