@@ -1,4 +1,4 @@
-"""The commands of the command line about photos: four-view."""
+"""The commands of the command line about photos: four-view, hair-database."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .cli_database import add_database_command
 from .errors import require
 from .fourview.database import open_database
 from .fourview.inputs import read_inputs
@@ -36,6 +37,7 @@ def add_commands(command: Callable[..., argparse.ArgumentParser]) -> None:
     parser.add_argument("--strands", type=int, help="strands in all, instead of the project's number")
     parser.add_argument("--texture", type=Path, help="also write the hair texture, .png")
     parser.add_argument("--masks", type=Path, help="also write the masks that were used into this folder, .png")
+    add_database_command(command)
 
 
 def _four_view(options: argparse.Namespace, clock: Clock, progress: Progress) -> Report:

@@ -13,7 +13,7 @@ from ..progress import NO_PROGRESS, Progress, subrange
 from ..types import Float32, Head, StrandSet
 from .appearance import strand_colours
 from .database import HairDatabase, SearchParams, search
-from .detail import HelixDetailParams, add_detail
+from .detail import HelixDetailParams
 from .directions import DirectionParams, SurfaceDirections, find_directions
 from .filling import grow_strands
 from .growth import GrowthParams
@@ -142,10 +142,11 @@ def hair_strands(
     """The direction volume and the strands (sec. 4.4 ... 4.6; Z-20 ... Z-23), coloured by the photos."""
     progress(0.0, "Filling the volume with directions")
     volume = direction_volume(directions, shape, head, params.directions)
-    strands = grow_strands(volume, shape, views, head, params.strands, progress=subrange(progress, 0.3, 0.8))
-    if params.with_detail:
-        progress(0.8, "Adding detail")
-        strands = add_detail(strands, normal_volume(directions, shape, head, params.directions), params.detail)
+    normals = normal_volume(directions, shape, head, params.directions) if params.with_detail else None
+    part = subrange(progress, 0.3, 0.9)
+    strands = grow_strands(
+        volume, shape, views, head, params.strands, normals=normals, detail=params.detail, progress=part
+    )
     progress(0.9, "Taking colours from the photos")
     colours = linear_rgba(strand_colours(strands, views, head))
     return StrandSet(
