@@ -291,8 +291,8 @@ BACK_OF_HEAD: Region = everywhere
 PLACES = {"high": (0.0, 0.65, 0.85), "middle": (0.0, 1.0, 0.25), "low": (0.0, 1.0, -0.35)}
 
 
-def tied() -> Iterator[Recipe]:
-    """Pony tails, half up, pigtails, buns, plaits."""
+def tails() -> Iterator[Recipe]:
+    """Pony tails."""
     grown = hanging("straight", "shoulder")
     for place, anchor in PLACES.items():
         rise = {"high": 0.5, "middle": 0.1, "low": -0.4}[place]
@@ -308,13 +308,17 @@ def tied() -> Iterator[Recipe]:
         tail = Tie(anchor, length=2.3, width=0.26, rise=rise)
         steps = (tie(tail, outside(brow(0.55))),)
         yield Recipe(f"pony tail, {place}, fringe", ("ponytail", "tied", "fringe"), "ponytail", fringe, steps, 16)
-        loose = (tie(tail, outside(both(side(1.0, 0.6), below(0.6)))),)
         framed = hanging("straight", "chin")
         steps = (tie(tail, lambda roots: 1.0 - below(0.45)(roots) * (roots[:, 1] < -0.45)),)
-        yield Recipe(f"pony tail, {place}, loose strands", ("ponytail", "tied"), "ponytail", framed, steps or loose, 16)
+        yield Recipe(f"pony tail, {place}, loose strands", ("ponytail", "tied"), "ponytail", framed, steps, 16)
     for sign, word in ((1.0, "left"), (-1.0, "right")):
         tail = Tie((0.8 * sign, 0.6, 0.1), length=2.4, width=0.28, rise=0.2)
         yield Recipe(f"side tail, {word}", ("ponytail", "tied", "asymmetric"), "ponytail", grown, (tie(tail),), 16)
+
+
+def half_up() -> Iterator[Recipe]:
+    """The upper half tied, pigtails."""
+    grown = hanging("straight", "shoulder")
     for base, to, n_points in (("straight", "chest", 14), ("wavy", "shoulder", 16), ("wavy", "back", 16),
                                ("curly", "chest", 20), ("straight", "waist", 14)):  # fmt: skip
         loose = hanging(base, to)
@@ -337,6 +341,11 @@ def tied() -> Iterator[Recipe]:
             steps = (tie(tail, side(1.0)), tie(replace(tail, anchor=mirrored), side(-1.0)))
             tags = ("pigtails", "tied", word, kind)
             yield Recipe(f"pigtails, {word}, {kind}", tags, "pigtails", grown, steps, 18 if kind == "plaits" else 16)
+
+
+def buns() -> Iterator[Recipe]:
+    """Buns, afro puffs, plaits."""
+    grown = hanging("straight", "shoulder")
     for word, place in (*PLACES.items(), ("top", (0.0, 0.15, 1.0))):
         for size, width in (("small", 0.3), ("big", 0.52)):
             knot = Tie(place, width=width, kind="bun", out=0.06)
@@ -405,7 +414,7 @@ def sides() -> Iterator[Recipe]:
 
 
 GROUPS: tuple[Callable[[], Iterator[Recipe]], ...] = (
-    parted_lengths, volumes, fringes, bobs, short_hair, standing, curls, tied, sides,
+    parted_lengths, volumes, fringes, bobs, short_hair, standing, curls, tails, half_up, buns, sides,
 )  # fmt: skip
 
 

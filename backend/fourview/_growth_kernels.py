@@ -162,6 +162,19 @@ def _forward(
 
 
 @device
+def _head_back(values: Float64, signed: bool, heading: Float64) -> None:
+    """heading (3,): against the field, or along its line to where the scalp is nearer."""
+    g = GRADIENTS + 3 * SCALP
+    away = 0.0
+    for axis in range(3):
+        away += values[DIRECTION + axis] * values[g + axis]
+    sense = -1.0 if signed or away > 0.0 else 1.0
+    for axis in range(3):
+        heading[axis] = sense * values[DIRECTION + axis]
+    _unit(heading)
+
+
+@device
 def _backward(
     start: Float64, length: float, step: float, over_scalp: float, clearance: float, signed: bool,
     distances: Float32, directions: Float32, origin: Float64, cell: float, line: Float64,
@@ -176,18 +189,7 @@ def _backward(
         point[axis], line[0, axis] = start[axis], start[axis]
     sample_space(distances, directions, origin, cell, point[0], point[1], point[2], values)
     depth = values[OUTER]
-    sense, g = -1.0, GRADIENTS + 3 * SCALP
-    if not signed:
-        # back is where the scalp is nearer
-        away = (
-            values[DIRECTION] * values[g]
-            + values[DIRECTION + 1] * values[g + 1]
-            + values[DIRECTION + 2] * values[g + 2]
-        )
-        sense = -1.0 if away > 0.0 else 1.0
-    for axis in range(3):
-        heading[axis] = sense * values[DIRECTION + axis]
-    _unit(heading)
+    _head_back(values, signed, heading)
     descends, above, since = False, 0.0, 0.0
     count = 1
     while count < len(line):

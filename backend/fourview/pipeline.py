@@ -157,4 +157,4 @@ def hair_strands(
 def linear_rgba(colours: Float32) -> Float32:
     """(n, 4) float32, opaque and linear as renderers want them, of sRGB colours (n, 3) in [0, 1]."""
     linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
-    return np.concatenate([linear, np.ones((len(linear), 1))], axis=1).astype(np.float32)
+    return np.asarray(np.concatenate([linear, np.ones((len(linear), 1))], axis=1), np.float32)

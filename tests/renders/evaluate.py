@@ -61,6 +61,16 @@ def load_head(folder: Path) -> tuple[Head, dict[str, Camera]]:
     return head, seen["cameras"]
 
 
+def own_family(database: HairDatabase, groom: str) -> tuple[str, ...]:
+    """Names of the database's hairstyles that were made from a starter groom's procedure, fringes and cuts included."""
+    if groom in _REAL:
+        return ()
+    near = {"puffy": ("afro", "flat top"), "bob": ("bob",), "curly": ("ringlets", "perm"), "wavy": ("big waves",)}
+    words = (groom.replace("_", " "), groom, *near.get(groom, ()))
+    families = {style.family for style in database.styles if any(word in style.family for word in words)}
+    return database.named(*families)
+
+
 def model(
     views: Sequence[View], head: Head, database: HairDatabase, exclude: Sequence[str], params: FourViewParams
 ) -> tuple[FourViewResult, dict[str, float]]:
@@ -127,7 +137,7 @@ def evaluate(
     """Model one groom and write what came out."""
     head, cameras = load_head(folder)
     views = load_views(dict.fromkeys(names, folder), cameras)
-    result, seconds = model(views, head, database, database.named(folder.name), params)
+    result, seconds = model(views, head, database, own_family(database, folder.name), params)
     truth = read_bundle(folder / "truth.npz")
     every = load_views(dict.fromkeys(VIEWS, folder), cameras)
     numbers = judge(result.strands, truth["strands"], every, truth["head"])
