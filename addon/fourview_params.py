@@ -40,10 +40,6 @@ class SurfaceSettings(ParamsGroup, bpy.types.PropertyGroup):
         name="Size", default=2048, min=512, soft_max=4096, max=8192, subtype="PIXEL",
         description="Width and height of the texture: 1024 for a quick look, 2048 for the result; a power of 2",
     )  # fmt: skip
-    n_scales: IntProperty(
-        name="Scales", default=4, min=1, max=4,
-        description="Sizes of the texture that are worked on in turn, each half of the next",
-    )  # fmt: skip
     patch_size: IntProperty(
         name="Patches", default=10, min=3, soft_max=20, max=32, subtype="PIXEL",
         description="Width of the pieces of photos that the texture is put together of",

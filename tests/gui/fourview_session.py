@@ -261,7 +261,7 @@ def stage(user: driver.User, name: str) -> driver.Steps:
 def the_stages_one_after_another(user: driver.User) -> driver.Steps:
     settings = bpy.context.scene.hairloom.four_view
     settings.shape.resolution = 64
-    settings.surface.texture_size, settings.surface.n_scales = 512, 3
+    settings.surface.texture_size = 512
     settings.strands.n_guides, settings.strands.n_strands = 300, 2000
     yield from stage(user, "shape")
     yield from choose(user, 0)
