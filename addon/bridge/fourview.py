@@ -185,8 +185,7 @@ def _show_directions(context: bpy.types.Context, outputs: Values) -> list[str]:
     obj.data.update()
     obj.hide_render = True
     project.lines_object = obj
-    sure = float((found.confidence > 0.5).mean()) if len(found.confidence) else 0.0
-    return [f"{len(found.points):,} directions, {sure:.0%} of them sure; arrows point from root to tip"]
+    return [f"{len(found.points):,} directions; arrows point from root to tip"]
 
 
 def _show_strands(context: bpy.types.Context, outputs: Values) -> list[str]:
@@ -218,18 +217,14 @@ def _show_strands(context: bpy.types.Context, outputs: Values) -> list[str]:
 
 
 def _report_lines(strands: StrandSet, report: Values) -> list[str]:
+    """What `fourview.quality.quality_report` found, in the user's words."""
     lines = [f"{strands.n_strands:,} strands"]
-    for name, value in report.items():
-        lines.append(f"{name.replace('_', ' ')}: {_words(value)}")
-    return lines
-
-
-def _words(value: Any) -> str:
-    if isinstance(value, dict):
-        return ", ".join(f"{name} {_words(part)}" for name, part in value.items())
-    if isinstance(value, float):
-        return f"{value:.3g}"
-    return ", ".join(map(_words, value)) if isinstance(value, list | tuple) else str(value)
+    for name, found in report.get("views", {}).items():
+        angle = found["orientation_median_deg"]
+        off = "" if angle is None else f", directions {angle:.0f}° off"
+        lines.append(f"{name.capitalize()}: mask {found['mask_iou']:.0%}{off}")
+    inside = report.get("penetration", {}).get("point_share", 0.0)
+    return [*lines, f"{inside:.1%} of the points are inside the head"] if inside else lines
 
 
 def _visible(context: bpy.types.Context, obj: bpy.types.Object | None) -> bpy.types.Object | None:

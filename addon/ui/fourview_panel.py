@@ -217,7 +217,7 @@ class HAIRLOOM_PT_four_view_directions(StepPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         row = layout.row(align=True)
-        row.operator("wm.tool_set_by_id", text="Draw Strokes", icon="GREASEPENCIL").name = fourview_tools.STROKE_TOOL
+        row.operator("wm.tool_set_by_id", text="Stroke", icon="GREASEPENCIL").name = fourview_tools.STROKE_TOOL
         row.operator("hairloom.four_view_remove_strokes", text="Last", icon="LOOP_BACK").every = False
         row.operator("hairloom.four_view_remove_strokes", text="", icon="TRASH").every = True
         hint(layout, "Without strokes the directions are guessed; draw some from root to tip where the guess is wrong")

@@ -79,7 +79,11 @@ def strands_outputs(inputs):
     offsets = np.arange(51, dtype=np.int32) * points.shape[1]
     color = np.tile(np.float32([0.5, 0.2, 0.1, 1.0]), (50, 1))
     strands = types.StrandSet(points.reshape(-1, 3), offsets, {}, {"color": color})
-    return {"strands": strands, "report": {"mask_iou": {"front": 0.951}, "inside_share": 0.0}}
+    quality = scenes.module("backend.fourview.quality")
+    report = quality.quality_report(strands, inputs["views"], inputs["head"])
+    assert report["penetration"]["point_share"] == 0
+    report["views"]["front"] |= {"mask_iou": 0.951, "orientation_median_deg": 12.3}
+    return {"strands": strands, "report": report}
 
 
 def answers(monkeypatch):
@@ -157,7 +161,7 @@ def test_each_step_shows_its_result(tmp_path, monkeypatch):
     assert "surface_uv_coordinate" in hair.data.attributes
     assert np.allclose(scenes.values(hair, "color", np.float32, 4, "color")[0], [0.5, 0.2, 0.1, 1])
     assert hair.data.materials[0].name == "Hairloom Photo Hair"
-    assert "mask iou: front 0.951" in project.strands.report
+    assert "Front: mask 95%, directions 12° off" in project.strands.report
     assert states() == ["DONE"] * 4
 
 
