@@ -65,7 +65,7 @@ def modelled(folder, database):
 def test_the_result_looks_like_the_photos(modelled):
     result, views, _, truth = modelled
     numbers = judge(result.strands, truth["strands"], views, truth["head"])
-    # the target at 800 pixels and full settings is 0.93 and 15 degrees; here a strand is a third of a pixel's width, and
+    # the target at 800 pixels and full settings is 0.93 and 15 degrees; a strand is a third of a pixel wide here, and
     # the front's mask is a ring of few pixels
     assert min(numbers["iou"].values()) > 0.75, numbers
     assert np.mean(list(numbers["iou"].values())) > 0.85, numbers
