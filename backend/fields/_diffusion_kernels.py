@@ -19,6 +19,16 @@ from ..kernels import device, parallel_kernel, summing_device
 OUTSIDE, FREE, FIXED = 0, 1, 2
 
 
+def thread_count() -> int:
+    """Threads that parallel kernels use now."""
+    return int(numba.get_num_threads())
+
+
+def use_threads(count: int) -> None:
+    """Let parallel kernels use so many threads from here on."""
+    numba.set_num_threads(count)
+
+
 @summing_device
 def _dot(a: Any, b: Any) -> Any:
     total = np.float32(0.0)

@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label
@@ -144,22 +143,22 @@ class DiffusionSolver:
         if len(self._levels) == 1:
             self._solve_coarsest()
             return float(np.vdot(finest.values.astype(np.float64), finest.right))
-        n_threads = numba.get_num_threads()
+        n_threads = kernels.thread_count()
         try:
             for level, coarser in pairwise(self._levels):
-                numba.set_num_threads(n_threads if level.values.size > SMALL else 1)
+                kernels.use_threads(n_threads if level.values.size > SMALL else 1)
                 kernels.scale(level.right, level.inverse, first, level.work)
                 _relax(level, level.work, second, level.values)
                 _residual(level, level.values, level.work)
                 kernels.restrict(level.work, coarser.right)
             self._solve_coarsest()
             for level, coarser in list(pairwise(self._levels))[::-1]:
-                numba.set_num_threads(n_threads if level.values.size > SMALL else 1)
+                kernels.use_threads(n_threads if level.values.size > SMALL else 1)
                 kernels.prolong(coarser.values, level.norm, level.values)
                 _relax(level, level.values, second, level.work)
                 _relax(level, level.work, first, level.values, sums if level is finest else _NO_SUMS)
         finally:
-            numba.set_num_threads(n_threads)
+            kernels.use_threads(n_threads)
         return float(sums.sum())
 
     def _solve_coarsest(self) -> None:

@@ -25,6 +25,7 @@ from .texels import TexelMap
 from .texture import HairTexture
 from .views import DirectionStroke, View
 
+_COARSE = 0.05  # weight of a region's orientation for its texels, against a confidence of 1
 _ALONE = 6.0  # times that gravity and the crown count more where there is no hair of the database
 
 
@@ -237,9 +238,9 @@ def _fill(
     filled = fill_regions(regions, mean, weight / max(float(regions.sizes.mean()), 1.0), 0.02)
     axes, coherence = axes_of(filled, regions.normals)
     # texels: their own where they are clear, else their region's
-    base = np.float32(0.05)
+    base = (_COARSE + params.database_unseen * (1.0 - seen)).astype(np.float32)
     coarse = filled[regions.region].astype(np.float32)
-    blended = (tensors * weights[:, None] + base * coarse) / (weights + base)[:, None]
+    blended = (tensors * weights[:, None] + base[:, None] * coarse) / (weights + base)[:, None]
     smoothed = smooth(graph, blended, (weights + base).astype(np.float32), coarse, params.smoothing, 12)
     orientations, _ = axes_of(smoothed, found.texels.normals)
     return axes.astype(np.float64), coherence.astype(np.float64), orientations

@@ -21,6 +21,7 @@ from .texels import TexelMap
 
 _MOST_CELLS = 1 << 25
 _STRETCH = 1.6  # texels that the chart may need for a texel on the tangent plane, for the quick way
+_FLAT = 0.02  # a texture whose clearest lines are weaker shows no hair; steps of 1 / 255 give less
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 
 
@@ -53,7 +54,7 @@ def texel_orientations(
     Returns
     -------
     orientations : (T, 3) float32, unit, in the tangent plane, world space; the sign means nothing.
-    confidence : (T,) float32 in [0, 1], divided by its 99th percentile.
+    confidence : (T,) float32 in [0, 1], divided by its 99th percentile; low where the texture is flat.
     """
     check_array("colours", colours, np.float32, (texels.n_texels, 3))
     frames = tangent_frames(texels.normals)
@@ -74,7 +75,7 @@ def texel_orientations(
             distances, *hashing, float(reach), angle, confidence,
         )  # fmt: skip
         top = float(np.percentile(confidence, 99)) if len(confidence) else 0.0
-        confidence = np.clip(confidence / top, 0.0, 1.0).astype(np.float32) if top > 0 else np.zeros_like(confidence)
+        confidence = np.clip(confidence / max(top, _FLAT), 0.0, 1.0).astype(np.float32)
         picture[rows, columns] = confidence
     turned = np.cos(angle)[:, None] * frames[:, 0] + np.sin(angle)[:, None] * frames[:, 1]
     return np.asarray(turned, np.float32), confidence

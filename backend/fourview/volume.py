@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import binary_dilation, binary_erosion, distance_transform_edt
+from scipy.ndimage import binary_dilation, binary_erosion, distance_transform_edt, generate_binary_structure
 
 from ..errors import require
 from ..fields.diffusion import DiffusionSolver
@@ -23,6 +23,7 @@ from .solid import Voxels, head_voxels, mesh_voxels, point_voxels
 
 _MARGIN = 2  # voxels beyond the surface that directions go on for, so that tracing does not end early
 _SCALP_GAP = 0.015  # metres over the scalp that count as hair: the shape may begin a little above it
+_AROUND = generate_binary_structure(3, 2)
 _ROOTS = 4000
 _DEEP = 2  # voxels under the head's skin from where there is no hair
 
@@ -108,7 +109,7 @@ def _hair_voxels(shape: Shape, head: Head, cells: int) -> HairVoxels:
         # without these hair whose root lies a little below the shape would have no way into it
         hair = hair | (distance_transform_edt(~on_scalp[window]) <= steps)
     deep = binary_erosion(skull[window], iterations=_DEEP, border_value=1)
-    return HairVoxels(cube.origin + cell * np.array(starts), cell, binary_dilation(hair, iterations=_MARGIN) & ~deep)
+    return HairVoxels(cube.origin + cell * np.array(starts), cell, binary_dilation(hair, _AROUND, _MARGIN) & ~deep)
 
 
 def _roots(head: Head) -> tuple[Float32, Float32]:

@@ -35,7 +35,7 @@ def ball(shape, square=0.9):
     return (places**2).sum(axis=-1) < square
 
 
-@pytest.mark.parametrize("shape", [(33, 26, 29), (17, 9, 40), (12, 1, 7), (5, 5, 5)])
+@pytest.mark.parametrize("shape", [(21, 16, 19), (17, 9, 30), (12, 1, 7), (5, 5, 5)])
 @pytest.mark.parametrize("kind", ["fixed", "masked", "weighted"])
 def test_agrees_with_the_direct_solution(shape, kind):
     rng = np.random.default_rng(3)

@@ -149,7 +149,7 @@ def test_regions_cover_the_surface_and_are_as_far_apart_as_asked(scene):
     assert regions.region.min() == 0 and len(np.unique(regions.region)) == regions.count
     away = np.linalg.norm(texels.points - regions.points[regions.region], axis=1)
     assert away.max() < 12 * texels.spacing
-    assert 30 < regions.sizes.mean() < 200
+    assert 15 < regions.sizes.mean() < 200
     assert (regions.edges[:, 0] < regions.edges[:, 1]).all()
 
 

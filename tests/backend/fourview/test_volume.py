@@ -59,8 +59,8 @@ def test_a_swirl_on_the_surface_swirls_inside():
     around = np.stack([-points[:, 1], points[:, 0], np.zeros(len(points))], axis=1)
     around /= np.linalg.norm(around, axis=1, keepdims=True)
     cosine = np.einsum("nc,nc->n", sampled(grid, points), around)
-    # a point lies up to 0.9 cells from its cell's middle: 4.5 degrees at 0.03 m
-    assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 6
+    # a point lies up to 0.7 cells of 5.4 mm from its cell's middle as seen along z: 7 degrees at 0.03 m
+    assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 8
     assert np.allclose(np.abs(sampled(grid, points)[:, 2]), 0, atol=0.02)
 
 
