@@ -34,7 +34,9 @@ def surface_field(field, radii=RADII):
 
 def sampled(grid, points):
     cell = np.floor((points - grid.origin) / grid.spacing).astype(int)
-    return grid.dense()[cell[:, 0], cell[:, 1], cell[:, 2]]
+    within = ((cell >= 0) & (cell < grid.shape)).all(axis=1)
+    cell = np.where(within[:, None], cell, 0)
+    return np.where(within[:, None], grid.dense()[cell[:, 0], cell[:, 1], cell[:, 2]], 0)
 
 
 def inner_points(rng, share=0.9, least=0.0, count=2000):
