@@ -14,6 +14,7 @@ from .fourview.database import HairDatabase
 from .fourview.database_entries import entry_head, make_hairstyle
 from .fourview.deformation import DeformationParams
 from .fourview.detail import add_detail
+from .fourview.directions import DirectionParams, find_directions
 from .fourview.filling import grow_strands
 from .fourview.growth import GrowthParams
 from .fourview.patch_match import fill_hole
@@ -23,7 +24,9 @@ from .fourview.remeshing import cluster_evenly
 from .fourview.shape import RoughShape, ShapeParams, find_shape
 from .fourview.surface import SurfaceParams, make_surface
 from .fourview.texture import SurfaceTextureParams, synthesize_texture
+from .fourview.views import DirectionStroke
 from .fourview.views import View as Photo
+from .fourview.volume import direction_volume
 from .geometry.camera import standard_camera
 from .geometry.cleanup import clean_up
 from .geometry.collider import comb_collider
@@ -87,7 +90,7 @@ def compile_all(progress: Progress = NO_PROGRESS) -> int:
     _follow(strands, head)
     _keep_hairstyle(strands, head)
     _look(strands, head)
-    _lay_texture(head)
+    _lay_texture(strands, head)
     _grow_and_colour(strands, head)
     _shape(strands, head)
     return sum(bool(kernel.dispatcher.signatures) for kernel in KERNELS)
@@ -165,8 +168,8 @@ def _look(strands: StrandSet, head: Head) -> None:
     strand_scores(strands, strands)
 
 
-def _lay_texture(head: Head) -> None:
-    """Atlas, texels and patches on the scalp, one photo on them with a hole, blended and solved."""
+def _lay_texture(strands: StrandSet, head: Head) -> None:
+    """Atlas, texels and patches on the scalp, one photo on them with a hole, blended and solved; its directions."""
     scalp = submesh(head, head.scalp)
     mesh = Mesh(scalp.vertices, scalp.triangles)
     surface = make_surface(mesh, SurfaceParams(64, 1, atlas_vertices=100, subdivisions=0))
@@ -177,7 +180,11 @@ def _lay_texture(head: Head) -> None:
     colours = initial_texture(texels, seen, [photo])
     blended, gradients = blend_views(colours[None], seen.alpha, texels.edges)
     PoissonSolver(texels.edges, texels.n_texels).solve(blended, gradients)
-    synthesize_texture(surface, mesh, [photo], SurfaceTextureParams(iterations=(1,)))
+    texture = synthesize_texture(surface, mesh, [photo], SurfaceTextureParams(iterations=(1,)))
+    shape = RoughShape(Mesh(head.vertices, head.triangles), mesh, strands, "", np.ones(1))
+    stroke = DirectionStroke(camera, np.array([[32.0, 20.0], [32.0, 30.0]]))
+    directions = find_directions(texture, surface, shape, [photo], head, [stroke])
+    direction_volume(directions, shape, head, DirectionParams(cells=16))
     gap = np.zeros((64, 64), np.bool_)
     gap[30:34, 30:34] = True
     fill_hole(np.zeros((64, 64, 3), np.uint8), gap)
