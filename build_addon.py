@@ -275,17 +275,24 @@ def package_files(wheels: Sequence[Path] = ()) -> dict[str, Path]:
 def stage(folder: Path) -> None:
     """Lay the add-on out as a folder, without wheels, for a Blender whose Python has the packages.
 
-    Files that did not change keep their times, so that compiled kernels are found again.
+    Files that did not change keep their times, so that compiled kernels are found again. When a kernel changes all get
+    new times: numba does not see that a function which it compiled into a kernel of another file is another one now.
     """
     files = package_files()
     for path in [path for path in folder.rglob("*") if path.is_file() and "__pycache__" not in path.parts]:
         if path.relative_to(folder).as_posix() not in files:
             path.unlink()
+    kernels_changed = False
     for name, source in files.items():
         copy = folder / name
         copy.parent.mkdir(parents=True, exist_ok=True)
-        if not copy.exists() or copy.stat().st_mtime_ns != source.stat().st_mtime_ns:
+        wanted, there = source.stat(), copy.stat() if copy.exists() else None
+        if there is None or there.st_size != wanted.st_size or there.st_mtime_ns < wanted.st_mtime_ns:
             shutil.copy2(source, copy)
+            kernels_changed |= there is not None and name.endswith("_kernels.py")
+    if kernels_changed:
+        for copy in folder.rglob("*_kernels.py"):
+            os.utime(copy)
     (folder / MANIFEST).write_text(staged_manifest({}), encoding="utf-8")
 
 

@@ -119,6 +119,21 @@ def test_stage_follows_the_sources(build, tmp_path) -> None:
     assert (tmp_path / "backend" / "types.py").stat().st_mtime_ns == source.stat().st_mtime_ns
 
 
+def test_a_changed_kernel_makes_all_kernels_new(build, tmp_path) -> None:
+    build.stage(tmp_path)
+    kernels = sorted(tmp_path.rglob("*_kernels.py"))
+    before = [path.stat().st_mtime_ns for path in kernels]
+    build.stage(tmp_path)
+    assert [path.stat().st_mtime_ns for path in kernels] == before
+    kernels[0].write_text("another one")
+    build.stage(tmp_path)
+    assert kernels[0].read_text() != "another one"
+    assert all(path.stat().st_mtime_ns > earlier for path, earlier in zip(kernels, before))
+    after = [path.stat().st_mtime_ns for path in kernels]
+    build.stage(tmp_path)
+    assert [path.stat().st_mtime_ns for path in kernels] == after
+
+
 def test_staged_manifest_sets_keys_before_the_tables(build) -> None:
     limits = {"blender_version_min": "5.1.0", "blender_version_max": "5.3.0"}
     text = build.staged_manifest({**limits, "platforms": ["linux-x64"], "wheels": ["./wheels/a-1-py3-none-any.whl"]})
