@@ -135,7 +135,7 @@ def _by_landmarks(name: str, shape: tuple[int, ...], clicked: Landmarks, places:
 
     def camera(values: Float64) -> Camera:
         yaw, pitch, log_scale, x, y = values
-        return _turned(name, points.mean(axis=0), yaw, pitch, spread / size * math.exp(log_scale), (x, y), shape)
+        return turned_camera(name, points.mean(axis=0), yaw, pitch, spread / size * math.exp(log_scale), (x, y), shape)
 
     def misfit(values: Float64) -> Float64:
         off = (project(camera(values), points)[:, :2] - targets) / (_PIXEL_SPREAD * spread)
@@ -146,7 +146,7 @@ def _by_landmarks(name: str, shape: tuple[int, ...], clicked: Landmarks, places:
     return camera(found.x)
 
 
-def _turned(
+def turned_camera(
     name: str, centre: Float64, yaw: float, pitch: float, scale: float, pixel: Pixel, shape: tuple[int, ...]
 ) -> Camera:
     """The standard camera turned about the vertical and then up or down, with `centre` at a pixel of the picture."""
