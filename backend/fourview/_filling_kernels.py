@@ -16,15 +16,19 @@ from ..types import Float32, Float64, Floats, Int32
 from ._space_kernels import GRADIENTS, HEAD, N_VALUES, SCALP, SHAPE, sample_space
 
 _SMOOTHING = 3  # times that moves are averaged along a strand
+_CHECKS = 4  # places of a segment that are looked up in the masks
+_CHORD = 8.0  # pixels that the chord of a bend may lie further off than its ends
 _GAP = 3.0  # cells around the scalp where hair may lie outside the shape
 
 
 @parallel_kernel
-def blend_guides(roots: Floats, chosen: Int32, weights: Floats, guides: Floats, frames: Floats, points: Floats) -> None:
-    """points (S, N, 3): each strand blended of the rigid copies of its guides (M-39).
+def blend_guides(
+    roots: Floats, chosen: Int32, weights: Floats, guides: Floats, frames: Floats, spread: Floats, points: Floats
+) -> None:
+    """points (S, N, 3): each strand blended of copies of its guides (M-39).
 
     roots (S, 3); chosen (S, K) guides and their weights, sum 1; guides (G, N, 3), frames (G, N, 3, 3) along them.
-    A copy keeps the root's place in the frame that runs along the guide.
+    A copy keeps the root's place in the frame that runs along the guide, times `spread` (G, N).
     """
     n_points = guides.shape[1]
     for s in numba.prange(len(roots)):
@@ -45,7 +49,7 @@ def blend_guides(roots: Floats, chosen: Int32, weights: Floats, guides: Floats, 
                 for c in range(3):
                     place = guides[guide, i, c]
                     for axis in range(3):
-                        place += frames[guide, i, c, axis] * local[axis]
+                        place += spread[guide, i] * frames[guide, i, c, axis] * local[axis]
                     points[s, i, c] += weight * place
 
 
@@ -196,7 +200,7 @@ def keep_in_masks(
     """
     n_strands, n_points, _ = points.shape
     for s in numba.prange(n_strands):
-        values, moves, none = np.empty(N_VALUES), np.empty((n_points, 3)), np.zeros(3)
+        values, moves, none, place = np.empty(N_VALUES), np.empty((n_points, 3)), np.zeros(3), np.empty(3)
         for _ in range(rounds):
             moves[:] = 0.0
             worst = 0.0
@@ -216,13 +220,19 @@ def keep_in_masks(
                 _leave_head(points[s, i], clearance, distances, directions, origin, cell, values)
         last = n_points - 1
         for i in range(n_points - 1, 0, -1):
-            for v in range(len(turns)):
-                off = _off_mask(
-                    turns[v], intrinsics[v], orthographic[v] != 0, away[v], to_mask[v], head_depth[v], points[s, i],
-                    none, 0.0,
-                )  # fmt: skip
-                if off > margin:
-                    last = i - 1
+            # a long segment may leave the mask between its ends
+            for part in range(1, _CHECKS + 1):
+                for axis in range(3):
+                    place[axis] = points[s, i - 1, axis] + part / _CHECKS * (
+                        points[s, i, axis] - points[s, i - 1, axis]
+                    )
+                for v in range(len(turns)):
+                    off = _off_mask(
+                        turns[v], intrinsics[v], orthographic[v] != 0, away[v], to_mask[v], head_depth[v], place, none,
+                        0.0,
+                    )  # fmt: skip
+                    if off > (margin if part == _CHECKS else margin + _CHORD):
+                        last = i - 1
         kept[s] = last / (n_points - 1.0)
 
 

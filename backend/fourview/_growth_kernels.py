@@ -24,6 +24,7 @@ _EXIT = 0.8  # cosine to the border's normal above which hair leaves the shape t
 _OVER_SCALP = 0.04  # metres from the scalp within which strands are led to their layers
 _HELD = 0.02  # metres under the outer surface within which strands keep their depth when they hang free
 _FREE = 0.004  # metres from the scalp from which a strand drawn anew may follow the field
+_DRIFT = 0.008  # metres that a strand drawn anew along the field may come off its old course before it is led back
 _LIFT = 0.004  # metres after which a strand has turned from the scalp's normal into the field (1 / e)
 
 
@@ -313,6 +314,7 @@ def follow_field(
             for piece in range(pieces):
                 sample_space(distances, directions, origin, cell, point[0], point[1], point[2], values)
                 _blended_direction(old, i, length, weight, values, vector)
+                _back_to_line(old, i, piece / pieces, point, vector)
                 share = (piece + 1.0) / pieces
                 wanted = depth[i] + share * (depth[i + 1] - depth[i])
                 _to_layer(vector, values, wanted, 1.5 * cell)
@@ -321,6 +323,21 @@ def follow_field(
             _keep_off_head(point, clearance, distances, directions, origin, cell, values)
             for axis in range(3):
                 points[s, i + 1, axis] = point[axis]
+
+
+@device
+def _back_to_line(old: Float64, i: int, share: float, point: Float64, vector: Float64) -> None:
+    """Turn vector (3,) back to the strand old (N, 3) where the point has come off it: it would lose a narrow tail."""
+    square = 0.0
+    for axis in range(3):
+        square += (old[i, axis] + share * (old[i + 1, axis] - old[i, axis]) - point[axis]) ** 2
+    off = math.sqrt(square)
+    if off <= _DRIFT:
+        return
+    pull = min(off / _DRIFT - 1.0, 2.0) / off
+    for axis in range(3):
+        vector[axis] += pull * (old[i, axis] + share * (old[i + 1, axis] - old[i, axis]) - point[axis])
+    _unit(vector)
 
 
 @device

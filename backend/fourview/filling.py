@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from ..errors import require
 from ..fields.grid import DirectionGrid
 from ..geometry.frames import transport_frames
-from ..geometry.head import HeadSurface
+from ..geometry.head import HeadSurface, submesh
 from ..geometry.roots import scatter_roots
 from ..geometry.strands import from_dense, polyline_lengths
 from ..progress import NO_PROGRESS, Progress, subrange
@@ -27,6 +27,10 @@ from .hair_space import OUTER, HairShape, HairSpace, make_hair_space
 from .masks import MaskLimits, bend_into_masks, hairy_region, mask_limits
 from .views import View
 
+_MUCH = 6.0  # mean needs from which on a guide gets roots of its own
+_MOST_MOVED = 0.6  # of the roots of the second part
+_AROUND_GUIDE = 0.006  # metres around the root of a guide
+_NEIGHBOURS = 6  # guides around one that tell whether hair comes together
 _NEAR = 10  # guides around a root that it may be copied from
 _SPARE = 1.06  # roots more than wanted: some grow nothing that lies in the masks
 _FIRST = 0.6  # share of the strands that are grown before it is known where hair is thin
@@ -104,6 +108,8 @@ def fill_strands(
     for number, part in enumerate(parts):
         progress(0.2 + 0.3 * number, "Strands between guides")
         part.sort()
+        if number == 1:
+            _add_roots_in_need(roots, part, head, region, guides.points[:, 0], cover.needs, random)
         points[part], main[part] = _between(roots[part], guides, cover.needs, space, params, random)
         if number == 0:
             cover.find_thin(points[part])
@@ -132,13 +138,45 @@ def _between(
     chosen, weights, main = _choose(roots, guides, needs, params, random)
     frames = transport_frames(guides.points, guides.normals)
     points = np.empty((len(roots), params.n_points, 3), np.float32)
-    blend_guides(roots, chosen, weights, guides.points, frames, points)
+    blend_guides(roots, chosen, weights, guides.points, frames, _spread(guides.points), points)
     points[:, 0] = roots
     fields = (space.distances, space.directions, space.origin, space.cell)
     keep_in_shape(points, params.clearance, *fields)
     follow_field(points, _FOLLOW, params.clearance, *fields)
     keep_in_shape(points, params.clearance, *fields)
     return points, main
+
+
+def _add_roots_in_need(
+    roots: Float32, part: Int64, head: Head, region: Bools, starts: Float32, needs: Float64, random: np.random.Generator
+) -> None:
+    """Move some of the roots (S, 3) of a part to the starts (G, 3) of guides that are needed much more than others.
+
+    What hangs far from the scalp, a tail above all, has all its guides rooted in a small place, which even roots leave
+    with too little hair. In other hair no guide is needed so much.
+    """
+    missed = np.where(needs > _MUCH * needs.mean(), needs, 0.0)
+    count = int(min(missed.sum() / needs.sum(), _MOST_MOVED) * len(part))
+    if count == 0:
+        return
+    guide = random.choice(len(starts), count, p=missed / missed.sum())
+    places = starts[guide] + random.normal(0.0, _AROUND_GUIDE, (count, 3))
+    chosen = random.choice(part, count, replace=False)
+    roots[chosen] = HeadSurface(submesh(head, region)).closest_points(places)[0]
+
+
+def _spread(guides: Float32) -> Float32:
+    """(G, N): how far guides (G, N, 3) are from those next to them, over how far their roots are; at most 1.
+
+    Hair that is tied or gathers in a wisp comes together as its guides do: a rigid copy would leave the tail.
+    """
+    count = min(_NEIGHBOURS + 1, len(guides))
+    if count < 2:
+        return np.ones(guides.shape[:2], np.float32)
+    rooted, near = cKDTree(guides[:, 0]).query(guides[:, 0], k=count)
+    apart = np.linalg.norm(guides[near[:, 1:]] - guides[:, None], axis=3)
+    ratio = np.median(apart / np.maximum(rooted[:, 1:, None], 1e-4), axis=1)
+    return np.asarray(np.clip(ratio, 0.0, 1.0), np.float32)
 
 
 def _obey_masks(points: Float32, limits: MaskLimits, space: HairSpace, params: GrowthParams) -> None:

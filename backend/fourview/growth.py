@@ -31,6 +31,7 @@ _DEPTH = 0.012  # metres under the surface within which a guide covers it
 _DESCENT = 0.1  # metres over the scalp after which a guide traced back goes down to it, at most
 _PRIOR_STRANDS, _PRIOR_POINTS = 4000, 24  # of the database's hair that are looked at for lengths
 _LENGTH_MARGIN = 0.01  # metres that any hair may be longer than the database's
+_UNKNOWN = 0.02  # metres from the database's hair from where on its lengths say nothing
 _JOIN = 0.01  # metres from a place of the surface to the hair that is traced from it, at most
 
 
@@ -260,15 +261,21 @@ class _Lengths:
         return np.asarray(np.minimum(self.slack * typical + _LENGTH_MARGIN, self.most))
 
     def around(self, places: Float32, random: np.random.Generator) -> tuple[Float64, Float64]:
-        """(n,), (n,) metres that hair at places (n, 3) runs at most until it turns to the scalp, and on to its tip."""
+        """(n,), (n,) metres that hair at places (n, 3) runs at most until it turns to the scalp, and on to its tip.
+
+        Where the database has no hair nearby it does not know how long hair is: in a tail that its hairstyle lacks.
+        """
+        free = 0.8 * self.most, np.full(len(places), self.most)
         if not self.known:
-            return np.full(len(places), 0.8 * self.most), np.full(len(places), self.most)
-        _, near = self.points.query(places, k=8)
+            return np.full(len(places), free[0]), free[1]
+        distance, near = self.points.query(places, k=8)
         near = near.reshape(len(places), -1)
         chosen = near[np.arange(len(near)), random.integers(0, near.shape[1], len(near))]
         lengths = self.slack * self.lengths[chosen // _PRIOR_POINTS]
         share = (chosen % _PRIOR_POINTS) / (_PRIOR_POINTS - 1.0)
-        return share * lengths, np.minimum((1.0 - share) * lengths + _LENGTH_MARGIN, self.most)
+        beyond = np.minimum((1.0 - share) * lengths + _LENGTH_MARGIN, self.most)
+        far = distance.reshape(len(places), -1)[:, 0] > _UNKNOWN
+        return np.where(far, free[0], share * lengths), np.where(far, free[1], beyond)
 
 
 def _join(back: Float64, n_back: Int32, ahead: Float64, n_ahead: Int32) -> tuple[Float64, Int32]:

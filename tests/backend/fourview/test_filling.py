@@ -11,7 +11,7 @@ from flowing_hair import HEAD, flow, make_head, make_shape, make_views, make_vol
 from hairloom.fields.grid import dense_grid
 from hairloom.fourview._filling_kernels import blend_guides, choose_blends, cut_strands, smooth_moves
 from hairloom.fourview.detail import half_turns
-from hairloom.fourview.filling import grow_strands
+from hairloom.fourview.filling import _spread, grow_strands
 from hairloom.fourview.growth import GrowthParams
 from hairloom.fourview.hair_space import make_hair_space
 from hairloom.fourview.masks import bend_into_masks, hairy_region, mask_limits
@@ -172,9 +172,26 @@ def test_blends_are_linear_blend_skinning():
     weights = random.random((7, 3)).astype(np.float32)
     weights /= weights.sum(axis=1, keepdims=True)
     points = np.empty((7, 9, 3), np.float32)
-    blend_guides(roots, chosen, weights, guides, frames, points)
+    blend_guides(roots, chosen, weights, guides, frames, np.ones((5, 9), np.float32), points)
     np.testing.assert_allclose(points, _naive_blend(roots, chosen, weights, guides, frames), atol=1e-5)
     np.testing.assert_allclose(points[:, 0], roots, atol=1e-5)  # a rigid copy keeps its root
+
+
+def test_copies_come_together_as_their_guides_do():
+    """Guides that meet in a point, as at the knot of a tail, bring strands between them there too."""
+    roots = np.array([[x, y, 0.0] for x in (-0.02, 0.0, 0.02) for y in (-0.02, 0.0, 0.02)], np.float32)
+    along = np.linspace(0.0, 1.0, 9)[None, :, None]
+    guides = ((1.0 - along) * roots[:, None] + along * np.array([0.0, 0.0, 0.1])).astype(np.float32)
+    spread = _spread(guides)
+    np.testing.assert_allclose(spread, np.broadcast_to(1.0 - along[..., 0], spread.shape), atol=1e-5)
+    frames = np.broadcast_to(np.eye(3, dtype=np.float32), (9, 9, 3, 3)).copy()
+    points = np.empty((1, 9, 3), np.float32)
+    chosen = np.array([[0]], np.int32)
+    blend_guides(roots[:1] + 0.005, chosen, np.ones((1, 1), np.float32), guides, frames, spread, points)
+    np.testing.assert_allclose(points[0, 0], roots[0] + 0.005, atol=1e-6)
+    np.testing.assert_allclose(points[0, -1], [0.0, 0.0, 0.1], atol=1e-6)
+    apart = guides + np.linspace(0.0, 0.3, 9)[None, :, None] * np.sign(roots)[:, None]
+    assert (_spread(apart.astype(np.float32)) <= 1.0).all(), "hair that spreads keeps its distances"
 
 
 def test_partings_stay():
