@@ -1,6 +1,6 @@
 """Drive a real Blender window: install the zip, then do what users do, with simulated events.
 
-    python tests/gui/run.py BLENDER [SESSION ...]      sessions by name, such as comb_session; all of them without any
+    python tests/gui/run.py BLENDER [SESSION ...]      sessions by name, such as comb_session; those of SESSIONS without any
 
 Builds the zip for that Blender (or takes the one in HAIRLOOM_ZIP), installs it in a scratch user folder and runs the
 sessions, each in a window of its own. Screenshots are kept in tests/gui/out/; those in docs/pictures that `PICTURES`
@@ -24,7 +24,8 @@ LIMIT_SECONDS = 1800  # compiling the kernels on a busy machine and drawing in s
 
 
 COMPILING = "session"  # compiles the kernels, as a new user's Blender does
-SESSIONS = (COMPILING, *sorted(path.stem for path in HERE.glob("*_session.py")))
+BY_NAME = ("fourview_session",)  # runs when it is named, until the wizard's issue is closed: it takes some 5 minutes
+SESSIONS = (COMPILING, *sorted({path.stem for path in HERE.glob("*_session.py")} - {*BY_NAME}))
 # what docs/pictures keeps of the screenshots
 PICTURES = {
     "synthesized": "panel",
@@ -83,7 +84,7 @@ def keep_pictures() -> None:
 
 def main(arguments: list[str]) -> int:
     sessions = [name for name in arguments[1:] if name != "--pictures"] or list(SESSIONS)
-    if not arguments or not set(sessions) <= set(SESSIONS):
+    if not arguments or not set(sessions) <= {*SESSIONS, *BY_NAME}:
         print(__doc__, file=sys.stderr)
         return 2
     blender = arguments[0]
