@@ -1,6 +1,6 @@
 """Drive a real Blender window: install the zip, then do what users do, with simulated events.
 
-    python tests/gui/run.py BLENDER [SESSION ...]      sessions by name, such as comb_session; those of SESSIONS without any
+    python tests/gui/run.py BLENDER [SESSION ...]      sessions by name, such as comb_session; without any, SESSIONS
 
 Builds the zip for that Blender (or takes the one in HAIRLOOM_ZIP), installs it in a scratch user folder and runs the
 sessions, each in a window of its own. Screenshots are kept in tests/gui/out/; those in docs/pictures that `PICTURES`
