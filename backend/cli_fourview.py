@@ -14,7 +14,7 @@ from .cli_database import add_database_command
 from .errors import require
 from .fourview.database import open_database
 from .fourview.inputs import read_inputs
-from .fourview.pipeline import FourViewParams, model_hair
+from .fourview.pipeline import STAGES, FourViewParams, model_hair
 from .fourview.project import read_project
 from .geometry.scalp_guess import guess_scalp
 from .io.images import write_image
@@ -50,7 +50,7 @@ def _four_view(options: argparse.Namespace, clock: Clock, progress: Progress) ->
     head = with_scalp(inputs.head)
     database = open_database(None, [project.path(folder) for folder in project.grooms])
     clock("model")
-    stages = _StageProgress(progress, clock)
+    stages = StageProgress(progress, clock)
     result = model_hair(inputs.views, head, database, inputs.strokes, params, progress=stages)
     clock("write")
     units = Units.parse(options.out_units) if options.out_units else None
@@ -77,16 +77,14 @@ def with_point_colours(strands: StrandSet) -> StrandSet:
     return StrandSet(strands.points, strands.offsets, points, strands.strand_attributes)
 
 
-class _StageProgress:
+class StageProgress:
     """Passes progress on, and tells the clock which of the method's stages is running."""
-
-    _STAGES = ((0.2, "shape"), (0.7, "texture"), (0.85, "directions"), (0.97, "strands"), (2.0, "report"))
 
     def __init__(self, progress: Progress, clock: Clock) -> None:
         self._progress, self._clock, self._stage = progress, clock, ""
 
     def __call__(self, fraction: float, message: str, /) -> None:
-        stage = next(name for end, name in self._STAGES if fraction < end)
+        stage = next((name for name, (_, end) in STAGES.items() if fraction < end), "report")
         if stage != self._stage:
             self._clock(stage)
             self._stage = stage

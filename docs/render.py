@@ -324,13 +324,13 @@ def _render(scene: Any, path: Path) -> Path:
     scene.render.image_settings.file_format = "PNG"
     scene.render.image_settings.color_mode = "RGB"
     scene.render.filepath = str(path)
-    with _quiet():
+    with quiet():
         bpy.ops.render.render(write_still=True, scene=scene.name)
     return path
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Keeps Blender's hundred lines of render log, written past sys.stdout, off the terminal."""
     sys.stdout.flush()
     kept = os.dup(1)

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import require
-from ..types import Bools, Float32, Floats, OrientationMap
+from ..geometry.strand_raster import without_sense
+from ..types import Bools, Float32, OrientationMap
 from ._orientation_kernels import find_peaks
+from .nearest import fill_pixels
 
 _STRIP = 256  # rows of a picture that are worked on at once: the bank's responses are kept for these only
 
@@ -64,7 +66,7 @@ def orientation_map(
     grey = _grey(image)
     if mask is not None:
         require(mask.shape == grey.shape, f"the mask has {mask.shape} pixels, the image {grey.shape}")
-        grey = _continued(grey, mask)
+        grey = fill_pixels(grey, mask)
     bank = gabor_bank(params)
     angle = np.zeros(grey.shape, np.float32)
     confidence = np.zeros(grey.shape, np.float32)
@@ -104,9 +106,9 @@ def smooth_angles(angle: Float32, weight: Float32, sigma: float) -> Float32:
         cv2.GaussianBlur(np.asarray(weight * turn(2.0 * angle), np.float32), (width, width), sigma)
         for turn in (np.cos, np.sin)
     ]
-    turned = np.mod(0.5 * np.arctan2(parts[1], parts[0]), math.pi)
+    turned = 0.5 * np.arctan2(parts[1], parts[0])
     known = (parts[0] != 0) | (parts[1] != 0)
-    return _wrapped(np.where(known, turned, angle))
+    return without_sense(np.where(known, turned, angle))
 
 
 def _grey(image: NDArray[np.uint8] | Float32) -> Float32:
@@ -116,17 +118,6 @@ def _grey(image: NDArray[np.uint8] | Float32) -> Float32:
         scaled = scaled @ np.array([0.299, 0.587, 0.114], np.float32)
     require(np.isfinite(scaled).all(), "the picture has NaN or infinite values; clean it up first")
     return np.asarray(scaled)
-
-
-def _continued(grey: Float32, mask: Bools) -> Float32:
-    """The picture with each pixel outside the mask replaced by the nearest one inside."""
-    if mask.all() or not mask.any():
-        return grey
-    kinds = {"distanceType": cv2.DIST_L2, "maskSize": 5, "labelType": cv2.DIST_LABEL_PIXEL}
-    _, labels = cv2.distanceTransformWithLabels((~mask).astype(np.uint8), **kinds)
-    values = np.zeros(int(labels.max()) + 1, np.float32)
-    values[labels[mask]] = grey[mask]
-    return np.asarray(values[labels])
 
 
 def _filtered(grey: Float32, bank: Float32) -> tuple[Float32, Float32]:
@@ -140,11 +131,4 @@ def _filtered(grey: Float32, bank: Float32) -> tuple[Float32, Float32]:
         part = padded[start : stop + 2 * reach]
         responses = np.stack([cv2.filter2D(part, cv2.CV_32F, kernel)[reach:-reach, reach:-reach] for kernel in bank])
         find_peaks(responses, angle[start:stop], confidence[start:stop])
-    return _wrapped(angle), confidence
-
-
-def _wrapped(angle: Floats) -> Float32:
-    """In [0, pi), also after rounding to float32."""
-    turned = np.mod(angle, math.pi).astype(np.float32)
-    turned[turned >= np.float32(math.pi)] = 0.0
-    return turned
+    return without_sense(angle), confidence

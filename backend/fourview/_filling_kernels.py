@@ -13,9 +13,10 @@ import numpy as np
 from ..geometry._collider_kernels import sample_distance, sample_gradient
 from ..kernels import device, parallel_kernel
 from ..types import Float32, Float64, Floats, Int32
-from ._space_kernels import GRADIENTS, HEAD, N_VALUES, SCALP, SHAPE, sample_space
+from ._space_kernels import GRADIENTS, N_VALUES, SCALP, SHAPE, leave_head, sample_space
 
 _SMOOTHING = 3  # times that moves are averaged along a strand
+_OFF_HEAD = 2e-5  # metres more than its clearance that a point is moved off the head
 _CHECKS = 4  # places of a segment that are looked up in the masks
 _CHORD = 8.0  # pixels that the chord of a bend may lie further off than its ends
 _GAP = 3.0  # cells around the scalp where hair may lie outside the shape
@@ -100,24 +101,6 @@ def smooth_moves(moves: Float64) -> None:
                 before = here
 
 
-@device
-def _leave_head(
-    point: Floats, clearance: float, distances: Float32, directions: Float32, origin: Float64, cell: float,
-    values: Float64,
-) -> None:  # fmt: skip
-    for _ in range(4):
-        sample_space(distances, directions, origin, cell, point[0], point[1], point[2], values)
-        deep = clearance - values[HEAD]
-        if deep <= 0.0:
-            return
-        g = GRADIENTS + 3 * HEAD
-        square = values[g] * values[g] + values[g + 1] * values[g + 1] + values[g + 2] * values[g + 2]
-        if square < 0.05:
-            return
-        for axis in range(3):
-            point[axis] += (deep + 2e-5) * values[g + axis] / square
-
-
 @parallel_kernel
 def keep_in_shape(
     points: Floats, clearance: float, distances: Float32, directions: Float32, origin: Float64, cell: float
@@ -143,7 +126,7 @@ def keep_in_shape(
                 for axis in range(3):
                     points[s, i, axis] += moves[i, axis]
         for i in range(1, n_points):
-            _leave_head(points[s, i], clearance, distances, directions, origin, cell, values)
+            leave_head(points[s, i], clearance, _OFF_HEAD, distances, directions, origin, cell, values)
 
 
 @device
@@ -217,7 +200,7 @@ def keep_in_masks(
             for i in range(1, n_points):
                 for axis in range(3):
                     points[s, i, axis] += moves[i, axis]
-                _leave_head(points[s, i], clearance, distances, directions, origin, cell, values)
+                leave_head(points[s, i], clearance, _OFF_HEAD, distances, directions, origin, cell, values)
         last = n_points - 1
         for i in range(n_points - 1, 0, -1):
             # a long segment may leave the mask between its ends

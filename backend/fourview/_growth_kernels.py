@@ -13,7 +13,7 @@ import numpy as np
 
 from ..kernels import device, parallel_kernel
 from ..types import Float32, Float64, Floats, Int32
-from ._space_kernels import DIRECTION, GRADIENTS, HEAD, N_VALUES, OUTER, SCALP, SHAPE, sample_space
+from ._space_kernels import DIRECTION, GRADIENTS, HEAD, N_VALUES, OUTER, SCALP, SHAPE, leave_head, sample_space
 
 # why a line ended
 TIP, CUT, LOST, ROOTED = 0, 1, 2, 3
@@ -25,6 +25,7 @@ _OVER_SCALP = 0.04  # metres from the scalp within which strands are led to thei
 _HELD = 0.02  # metres under the outer surface within which strands keep their depth when they hang free
 _FREE = 0.004  # metres from the scalp from which a strand drawn anew may follow the field
 _DRIFT = 0.008  # metres that a strand drawn anew along the field may come off its old course before it is led back
+_OFF_HEAD = 1e-5  # metres more than its clearance that a point is moved off the head
 _LIFT = 0.004  # metres after which a strand has turned from the scalp's normal into the field (1 / e)
 
 
@@ -63,23 +64,6 @@ def _to_layer(vector: Float64, values: Float64, wanted: float, reach: float) -> 
     for axis in range(3):
         vector[axis] += (rise - along) * values[g + axis] / size
     _unit(vector)
-
-
-@device
-def _keep_off_head(point: Float64, clearance: float, distances: Float32, directions: Float32, origin: Float64,
-                   cell: float, values: Float64) -> None:  # fmt: skip
-    """Move point (3,) out of the head; values are those of the point afterwards."""
-    for _ in range(4):
-        sample_space(distances, directions, origin, cell, point[0], point[1], point[2], values)
-        deep = clearance - values[HEAD]
-        if deep <= 0.0:
-            return
-        g = GRADIENTS + 3 * HEAD
-        square = values[g] * values[g] + values[g + 1] * values[g + 1] + values[g + 2] * values[g + 2]
-        if square < 0.05:
-            return
-        for axis in range(3):
-            point[axis] += (deep + 1e-5) * values[g + axis] / square
 
 
 @device
@@ -154,7 +138,7 @@ def _forward(
         for axis in range(3):
             heading[axis] = vector[axis]
             point[axis] += step * vector[axis]
-        _keep_off_head(point, clearance, distances, directions, origin, cell, values)
+        leave_head(point, clearance, _OFF_HEAD, distances, directions, origin, cell, values)
         if entered and values[SHAPE] > 0.35 * cell:
             return count, TIP
         line[count] = point
@@ -227,7 +211,7 @@ def _backward(
         for axis in range(3):
             heading[axis] = vector[axis]
             point[axis] += step * vector[axis]
-        _keep_off_head(point, clearance, distances, directions, origin, cell, values)
+        leave_head(point, clearance, _OFF_HEAD, distances, directions, origin, cell, values)
         line[count] = point
         count += 1
     return count, LOST
@@ -320,7 +304,7 @@ def follow_field(
                 _to_layer(vector, values, wanted, 1.5 * cell)
                 for axis in range(3):
                     point[axis] += length / pieces * vector[axis]
-            _keep_off_head(point, clearance, distances, directions, origin, cell, values)
+            leave_head(point, clearance, _OFF_HEAD, distances, directions, origin, cell, values)
             for axis in range(3):
                 points[s, i + 1, axis] = point[axis]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 
 from ..kernels import device, parallel_kernel
-from ..types import Float32, Float64
+from ..types import Float32, Float64, Floats
 
 N_VALUES = 19  # 4 distances, 3 of the direction, 4 gradients
 SHAPE, HEAD, OUTER, SCALP, DIRECTION, GRADIENTS = 0, 1, 2, 3, 4, 7
@@ -41,6 +41,25 @@ def sample_space(
             values[GRADIENTS + 3 * n + 2] += gz * value
         for n in range(3):
             values[DIRECTION + n] += weight * directions[i + di, j + dj, k + dk, n]
+
+
+@device
+def leave_head(
+    point: Floats, clearance: float, spare: float, distances: Float32, directions: Float32, origin: Float64,
+    cell: float, values: Float64,
+) -> None:  # fmt: skip
+    """Move point (3,) `clearance` off the head, and `spare` further where it was not; values are its own afterwards."""
+    for _ in range(4):
+        sample_space(distances, directions, origin, cell, point[0], point[1], point[2], values)
+        deep = clearance - values[HEAD]
+        if deep <= 0.0:
+            return
+        g = GRADIENTS + 3 * HEAD
+        square = values[g] * values[g] + values[g + 1] * values[g + 1] + values[g + 2] * values[g + 2]
+        if square < 0.05:
+            return
+        for axis in range(3):
+            point[axis] += (deep + spare) * values[g + axis] / square
 
 
 @parallel_kernel

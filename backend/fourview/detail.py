@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from ..errors import require
 from ..fields.grid import DirectionGrid
+from ..fields.nearest import vectors_at
 from ..types import Float64, Int64, StrandSet
 from ._detail_kernels import wind_strands
 
@@ -91,14 +91,6 @@ def half_turns(
 def normals_at(normal_volume: DirectionGrid, strands: StrandSet) -> Float64:
     """(P, 3) unit normals at the points of the strands; beyond the cells that have one, that of the nearest cell."""
     require(normal_volume.space is None, "the volume of normals must be in world space")
-    own = normal_volume.dense()
-    known = own.any(axis=3)
-    require(known.any(), "the volume of normals is empty; make the hair's directions first")
-    places = ((strands.points - normal_volume.origin) / normal_volume.spacing - 0.5).T
-    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    filled = own[tuple(nearest)]
-    normals = np.stack(
-        [ndimage.map_coordinates(filled[..., axis], places, order=1, mode="nearest") for axis in range(3)], axis=1
-    ).astype(np.float64)
-    size = np.linalg.norm(normals, axis=1, keepdims=True)
+    require(normal_volume.n_cells > 0, "the volume of normals is empty; make the hair's directions first")
+    normals, size = vectors_at(normal_volume, strands.points)
     return np.asarray(np.where(size > 1e-6, normals / np.maximum(size, 1e-6), np.array([0.0, 0.0, 1.0])))

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from ..errors import require
 from ..fields.grid import DirectionGrid
+from ..fields.nearest import vectors_at
 from ..geometry.collider import Collider, build_collider
 from ..types import Bools, Float32, Float64, Floats, Head, Mesh, StrandSet
 from ._space_kernels import N_VALUES, sample_places
@@ -148,15 +149,6 @@ def _unsigned(mesh: Mesh, origin: Float64, cell: float, wanted: Bools) -> Float3
 
 def _directions(volume: DirectionGrid, origin: Float64, cell: float, size: tuple[int, int, int]) -> Float32:
     """(X, Y, Z, 3) float32 unit directions at the nodes, also beyond the cells that have one."""
-    own = volume.dense()
-    known = own.any(axis=3)
-    require(known.any(), "the volume has no directions; find the directions first")
-    nearest: NDArray[np.int32] = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    filled = own[tuple(nearest)]
-    places = (_nodes(size, origin, cell) - volume.origin) / volume.spacing - 0.5
-    coordinates = np.moveaxis(places, -1, 0)
-    out = np.stack(
-        [ndimage.map_coordinates(filled[..., axis], coordinates, order=1, mode="nearest") for axis in range(3)], axis=-1
-    )
-    norm = np.linalg.norm(out, axis=3, keepdims=True)
-    return np.asarray(out / np.maximum(norm, 1e-6), np.float32)
+    require(volume.n_cells > 0, "the volume has no directions; find the directions first")
+    vectors, size_there = vectors_at(volume, _nodes(size, origin, cell))
+    return np.asarray(vectors / np.maximum(size_there, 1e-6), np.float32)

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 
 from ..errors import require
+from ..fields.nearest import fill_pixels
 from ..types import Bools, Float32, Int32, check_array
 from ._planar_kernels import LANES, first_matches, match_once, vote_flat
-from .patch_sources import filled
 from .views import UInt8
 
 _BAND = 50  # rows that are searched one after another; other bands' matches are one iteration old at the border
@@ -164,7 +164,7 @@ def fill_hole(image: UInt8, hole: Bools, params: FillParams = FillParams()) -> U
     matches: Int32 | None = None
     for number, (picture, gap) in reversed(list(enumerate(scales))):
         if filled_image is None:
-            filled_image = filled(picture, ~gap)
+            filled_image = fill_pixels(picture, ~gap)
         else:
             larger = cv2.resize(filled_image, gap.shape[::-1], interpolation=cv2.INTER_LINEAR)
             filled_image = np.where(gap[..., None], larger, picture)

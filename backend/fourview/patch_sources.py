@@ -8,14 +8,15 @@ of that, two by two numbers a pixel, is made once from the texels that the view 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..fields.nearest import fill_pixels
 from ..geometry.camera import project
 from ..types import Bools, Camera, Float32, Float64, Int64
+from .surface import tangent_frames
 from .texels import TexelMap
 from .views import UInt8, View
 
@@ -74,30 +75,6 @@ class Sources:
         return np.asarray(self.jacobians[first + row * width + column])
 
 
-def tangents_of(normals: Float32 | Float64) -> tuple[Float64, Float64]:
-    """Unit tangents and bitangents (k, 3) of unit normals: normal x up, and normal x tangent (sec. 4.3.1)."""
-    wide = np.asarray(normals, np.float64)
-    tangents = np.stack([wide[:, 1], -wide[:, 0], np.zeros(len(wide))], axis=1)
-    length = np.linalg.norm(tangents, axis=1)
-    flat = length < 1e-6
-    tangents[flat] = (1.0, 0.0, 0.0)
-    tangents /= np.where(flat, 1.0, length)[:, None]
-    return tangents, np.cross(wide, tangents)
-
-
-def filled(values: NDArray[Any], known: Bools) -> NDArray[Any]:
-    """`values` (H, W, ...) with every pixel that is not `known` (H, W) taking the nearest known one's."""
-    if known.all() or not known.any():
-        return values
-    _, labels = cv2.distanceTransformWithLabels(
-        (~known).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    chosen = np.zeros(int(labels.max()) + 1, np.int64)
-    chosen[labels[known]] = np.flatnonzero(known)
-    flat = values.reshape(known.size, -1)
-    return np.asarray(flat[chosen[labels.ravel()]].reshape(values.shape))
-
-
 def surface_in_photo(view: View, texels: TexelMap, pixels: Float32, seen: Bools) -> PhotoSurface:
     """Make a source of a view.
 
@@ -105,7 +82,7 @@ def surface_in_photo(view: View, texels: TexelMap, pixels: Float32, seen: Bools)
     """
     height, width = view.mask.shape
     inner = cv2.erode(view.mask.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
-    image = np.ascontiguousarray(filled(view.image, inner if inner.any() else view.mask))
+    image = np.ascontiguousarray(fill_pixels(view.image, inner if inner.any() else view.mask))
     chosen = np.flatnonzero(seen)
     if len(chosen) == 0:
         return PhotoSurface(image, np.zeros((1, 1), np.bool_), np.zeros((1, 1, 4), np.float32), 1.0)
@@ -130,7 +107,7 @@ def surface_in_photo(view: View, texels: TexelMap, pixels: Float32, seen: Bools)
     known = means[source] / share[source][:, None]
     jacobian = np.zeros((small[0], small[1], 4), np.float32)
     jacobian[source] = _jacobians(view.camera, known[:, :3], known[:, 3:])
-    return PhotoSurface(image, source, filled(jacobian, source), per_metre)
+    return PhotoSurface(image, source, fill_pixels(jacobian, source), per_metre)
 
 
 def _pixels_per_metre(camera: Camera, points: Float32) -> Float64:
@@ -143,7 +120,7 @@ def _pixels_per_metre(camera: Camera, points: Float32) -> Float64:
 def _jacobians(camera: Camera, normals: Float32, points: Float32) -> Float32:
     """(k, 4) float32: photo pixels a metre along the tangent and the bitangent of the surface at points (k, 3)."""
     length = np.linalg.norm(normals.astype(np.float64), axis=1, keepdims=True)
-    tangents, bitangents = tangents_of(normals / np.maximum(length, 1e-12))
+    tangents, bitangents = tangent_frames(normals / np.maximum(length, 1e-12))
     start = project(camera, points.astype(np.float64))[:, :2]
     across = (project(camera, points + _STEP * tangents)[:, :2] - start) / _STEP
     down = (project(camera, points + _STEP * bitangents)[:, :2] - start) / _STEP

@@ -24,6 +24,15 @@ from .texture import HairTexture, SurfaceTextureParams, synthesize_texture
 from .views import MAX_VIEWS, DirectionStroke, View
 from .volume import direction_volume, normal_volume
 
+# which part of the whole progress each stage has
+STAGES = {
+    "shape": (0.0, 0.2),
+    "texture": (0.2, 0.7),
+    "directions": (0.7, 0.85),
+    "strands": (0.85, 0.97),
+    "report": (0.97, 1.0),
+}
+
 
 @dataclass(frozen=True, slots=True)
 class FourViewParams:
@@ -76,11 +85,12 @@ def model_hair(
     ------
     InputError : no views or too many, masks that no shape can come near.
     """
-    shape = rough_shape(views, head, database, params, exclude=exclude, progress=subrange(progress, 0.0, 0.2))
-    surface, texture = hair_texture(shape, views, params, progress=subrange(progress, 0.2, 0.7))
-    directions = hair_directions(shape, surface, texture, views, head, strokes, params, subrange(progress, 0.7, 0.85))
-    strands = hair_strands(shape, directions, views, head, params, progress=subrange(progress, 0.85, 0.97))
-    progress(0.97, "Comparing with the photos")
+    part = {stage: subrange(progress, start, end) for stage, (start, end) in STAGES.items()}
+    shape = rough_shape(views, head, database, params, exclude=exclude, progress=part["shape"])
+    surface, texture = hair_texture(shape, views, params, progress=part["texture"])
+    directions = hair_directions(shape, surface, texture, views, head, strokes, params, part["directions"])
+    strands = hair_strands(shape, directions, views, head, params, progress=part["strands"])
+    part["report"](0.0, "Comparing with the photos")
     report = quality_report(strands, views, head)
     report |= {"style": shape.style, "shape_iou": shape.mask_iou.tolist(), "remarks": list(shape.remarks)}
     return FourViewResult(shape, surface, texture, directions, strands, report)

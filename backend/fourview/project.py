@@ -30,7 +30,6 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -39,16 +38,16 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..errors import FileError, InputError, require
+from ..errors import InputError, require
 from ..geometry.camera import orthographic_camera, perspective_camera
-from ..io.files import atomic_write, read_file
+from ..io.files import atomic_write
+from ..io.toml import Table, check_names, read_toml
 from ..types import Bools, Camera, Float64
 from .views import MAX_VIEWS
 
 FORMAT, VERSION = "hairloom-four-view", 1
 KINDS = ("hair", "background")
 
-Table = Mapping[str, Any]
 _TOP = {"format", "version", "head", "head_units", "grooms", "view", "stroke", "settings"}
 _VIEW = {"name", "image", "mask", "camera", "landmarks", "scribble"}
 _CAMERA = {
@@ -142,10 +141,7 @@ def read_project(path: Path) -> Project:
     ------
     FileError : missing, or no TOML. InputError : a name that is not known, or a bad value; one line that says which.
     """
-    try:
-        table = tomllib.loads(read_file(path).decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FileError(f"{path} is not a TOML file: {error}") from error
+    table = read_toml(path)
     try:
         return _project(path, table)
     except (TypeError, KeyError, AttributeError) as error:
@@ -186,7 +182,7 @@ def paint_scribbles(scribbles: tuple[Scribble, ...], kind: str, size: tuple[int,
 
 
 def _project(path: Path, table: Table) -> Project:
-    _check_names(table, _TOP, str(path))
+    check_names(table, _TOP, str(path))
     require(table.get("format") == FORMAT, f'{path} is no four-view project; it must say format = "{FORMAT}"')
     require(table.get("version") == VERSION, f"{path} has version {table.get('version')}; {VERSION} is known")
     require(isinstance(table.get("view"), list), f"{path} has no [[view]]; give 1 to {MAX_VIEWS}")
@@ -211,7 +207,7 @@ def _project(path: Path, table: Table) -> Project:
 
 def _view(table: Table, number: int) -> ProjectView:
     where = f"view {number}"
-    _check_names(table, _VIEW, where)
+    check_names(table, _VIEW, where)
     for name in ("name", "image"):
         require(isinstance(table.get(name), str) and table[name], f"{where} has no {name}; give it as text")
     where = f"view '{table['name']}'"
@@ -233,7 +229,7 @@ def _view(table: Table, number: int) -> ProjectView:
 
 def _stroke(table: Table, number: int) -> ProjectStroke:
     where = f"stroke {number}"
-    _check_names(table, {"view", "points", "camera"}, where)
+    check_names(table, {"view", "points", "camera"}, where)
     require(isinstance(table.get("view"), str), f"{where} has no view; name the view that it was drawn on")
     points = _numbers(table.get("points"), (None, 2), where)
     require(len(points) >= 2, f"{where} has {len(points)} points; it needs 2 or more")
@@ -243,7 +239,7 @@ def _stroke(table: Table, number: int) -> ProjectStroke:
 def _camera(table: Table, where: str) -> Camera:
     """A camera by its matrices, or by where it looks; the picture's size is put in when the image is read."""
     where = f"{where}: camera"
-    _check_names(table, _CAMERA, where)
+    check_names(table, _CAMERA, where)
     size = tuple(int(value) for value in _numbers(table.get("size", [1, 1]), (2,), f"{where}: size"))
     up = _numbers(table.get("up", [0.0, 0.0, 1.0]), (3,), f"{where}: up")
     orthographic = bool(table.get("orthographic", True))
@@ -281,12 +277,6 @@ def _numbers(value: Any, shape: tuple[int | None, ...], where: str) -> Float64:
     require(fits, f"{where} must have shape {shape} (None: any), not {array.shape}")
     require(np.isfinite(array).all(), f"{where} has values that are not finite")
     return array
-
-
-def _check_names(table: Table, known: set[str], where: str) -> None:
-    require(isinstance(table, dict), f"{where} must be a table")
-    for name in table:
-        require(name in known, f"{where} has '{name}', which is not known; it may have {', '.join(sorted(known))}")
 
 
 def _view_lines(project: Project, view: ProjectView) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import require
 from ..fields.orientation import OrientationParams, orientation_map
 from ..geometry.head import HeadSurface
-from ..geometry.strand_raster import StrandRaster, hair_mask, raster_strands
+from ..geometry.strand_raster import StrandRaster, hair_mask, raster_strands, without_sense
 from ..types import Bools, Float32, Floats, Head, StrandSet
 from .views import View
 
@@ -132,5 +132,4 @@ def smooth_angle(drawn: StrandRaster, smooth_px: float) -> Float32:
     twice = 2.0 * drawn.angle
     parts = [np.where(drawn.mask, part(twice), 0.0).astype(np.float32) for part in (np.cos, np.sin)]
     cosine, sine = (cv2.GaussianBlur(part, (0, 0), smooth_px) for part in parts)
-    angle = np.mod(0.5 * np.arctan2(sine, cosine), np.pi)
-    return np.where(angle >= np.float32(np.pi), 0.0, angle).astype(np.float32)
+    return without_sense(0.5 * np.arctan2(sine, cosine))

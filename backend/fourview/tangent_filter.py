@@ -17,6 +17,7 @@ from scipy.ndimage import label, maximum_filter, minimum_filter
 from ..errors import require
 from ..types import Bools, Float32, Floats, Int32, check_array
 from ._tangent_kernels import filter_texels
+from .surface import tangent_frames as surface_frames
 from .texels import TexelMap
 
 _MOST_CELLS = 1 << 25
@@ -92,10 +93,7 @@ def _charts(grid: Int32, furthest: float) -> tuple[Int32, Bools, int]:
 
 def tangent_frames(normals: Float32) -> Float32:
     """(T, 2, 3) float32: unit tangents normal x (0, 0, 1), and bitangents normal x tangent, of normals (T, 3)."""
-    tangent = np.stack([normals[:, 1], -normals[:, 0], np.zeros(len(normals), np.float32)], axis=1)
-    length = np.linalg.norm(tangent, axis=1, keepdims=True)
-    tangent = np.where(length > 1e-6, tangent / np.maximum(length, 1e-6), np.array([1.0, 0.0, 0.0]))
-    return np.ascontiguousarray(np.stack([tangent, np.cross(normals, tangent)], axis=1), np.float32)
+    return np.ascontiguousarray(np.stack(surface_frames(normals), axis=1))
 
 
 def tangent_bank(params: TangentFilterParams) -> tuple[Float32, Float32]:

@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ..errors import require
+from ..fields.nearest import fill_pixels
 from ..geometry.camera import project
 from ..progress import NO_PROGRESS, Progress, subrange
 from ..types import Bools, Float32, Int32, Mesh, check_array
 from ._voting_kernels import pack, patches_of_texels, sample_pixels, vote
 from .patch_search import Matches, PatchSearch, carry_to_finer, start_matches, turns
-from .patch_sources import Sources, UInt32, filled, sources_at, surface_in_photo
+from .patch_sources import Sources, UInt32, sources_at, surface_in_photo
 from .poisson import PoissonSolver, blend_views
 from .projection import ViewsOnTexels, initial_texture, project_views
 from .shape import RoughShape
@@ -81,7 +82,7 @@ class HairTexture:
         picture[self.texels] = np.rint(np.clip(self.colour, 0, 1) * 255)
         known = np.zeros(self.size * self.size, np.bool_)
         known[self.texels] = True
-        return filled(picture.reshape(self.size, self.size, 3), known.reshape(self.size, self.size))
+        return fill_pixels(picture.reshape(self.size, self.size, 3), known.reshape(self.size, self.size))
 
 
 def blend_weights(on_texels: ViewsOnTexels, least_facing: float) -> Float32:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -16,12 +15,11 @@ from ..geometry.head import read_head
 from ..io.alembic_motion import read_motion
 from ..io.files import read_file
 from ..io.npz import read_arrays
+from ..io.toml import Table, check_names, read_toml
 from ..io.units import Units
 from ..rods.material import PRESETS
 from ..rods.scene import CollisionMesh, ForceField, Scene
 from ..types import Float64, Head
-
-Table = Mapping[str, Any]
 
 _SCENE_KEYS = {"fps", "frames", "frame_start", "gravity", "head", "motion", "collider", "field", "guides", "settings"}
 _MESH_KEYS = {"mesh", "units", "friction", "motion", "collide"}
@@ -49,11 +47,8 @@ def read_scene_file(path: Path) -> SceneFile:
     ------
     FileError : missing, or no TOML. InputError : a name that is not known, or a bad value; one line that says which.
     """
-    try:
-        table = tomllib.loads(read_file(path).decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FileError(f"{path} is not a TOML file: {error}") from error
-    _check_names(table, _SCENE_KEYS, str(path))
+    table = read_toml(path)
+    check_names(table, _SCENE_KEYS, str(path))
     folder = path.parent
     fps, n_frames = _number(table, "fps", 24.0), int(_number(table, "frames", 0))
     require(fps > 0, f"fps is {fps:g}; it must be above 0")
@@ -87,7 +82,7 @@ def read_scene_file(path: Path) -> SceneFile:
 
 def _motion(table: Table, folder: Path, fps: float, n_frames: int) -> Float64:
     """(F, 4, 4) from a file, or of a shake or move about the world's origin; at rest where nothing is said."""
-    _check_names(table, _MOTION_KEYS, "motion")
+    check_names(table, _MOTION_KEYS, "motion")
     if "file" in table:
         motion = _motion_file(folder / str(table["file"]), str(table.get("object", "")))
         require(n_frames in (0, len(motion)), f"the motion has {len(motion)} frames and the scene {n_frames}")
@@ -97,7 +92,7 @@ def _motion(table: Table, folder: Path, fps: float, n_frames: int) -> Float64:
     motion = np.tile(np.eye(4), (n_frames, 1, 1))
     if "shake" in table:
         shake = table["shake"]
-        _check_names(shake, {"frequency", "degrees", "axis", "pivot"}, "shake")
+        check_names(shake, {"frequency", "degrees", "axis", "pivot"}, "shake")
         axis = _vector(shake, "axis", (0.0, 0.0, 1.0))
         require(float(np.linalg.norm(axis)) > 0, "the shake's axis is 0 long; give a direction")
         angles = np.radians(_number(shake, "degrees", 20.0)) * np.sin(
@@ -108,7 +103,7 @@ def _motion(table: Table, folder: Path, fps: float, n_frames: int) -> Float64:
         motion[:, :3, 3] = pivot - motion[:, :3, :3] @ pivot
     if "move" in table:
         move = table["move"]
-        _check_names(move, {"frequency", "way"}, "move")
+        check_names(move, {"frequency", "way"}, "move")
         share = np.sin(2.0 * np.pi * _number(move, "frequency", 1.0) * seconds)
         motion[:, :3, 3] += share[:, None] * _vector(move, "way", (0.1, 0.0, 0.0))
     return motion
@@ -130,14 +125,14 @@ def _motion_file(path: Path, name: str) -> Float64:
 
 
 def _mesh(table: Table, folder: Path, what: str) -> Head:
-    _check_names(table, _MESH_KEYS, what)
+    check_names(table, _MESH_KEYS, what)
     require("mesh" in table, f"a {what} has no 'mesh'; name its .obj file")
     units = Units.parse(str(table["units"])) if "units" in table else None
     return read_head(folder / str(table["mesh"]), units)
 
 
 def _field(table: Table, n_frames: int) -> ForceField:
-    _check_names(table, _FIELD_KEYS, "field")
+    check_names(table, _FIELD_KEYS, "field")
     axis = _vector(table, "direction", (1.0, 0.0, 0.0))
     length = float(np.linalg.norm(axis))
     require(length > 0, "a field's direction is 0 long; give a direction")
@@ -169,12 +164,6 @@ def _settings(table: Table) -> dict[str, Any]:
 
 
 # --- values -------------------------------------------------------------------------------------------------------
-
-
-def _check_names(table: Any, known: set[str], what: str) -> None:
-    require(isinstance(table, Mapping), f"{what} must be a table of settings, not {table!r}")
-    for name in table:
-        require(name in known, f"{what} has no setting '{name}'; it has {', '.join(sorted(known))}")
 
 
 def _tables(table: Table, name: str) -> list[Table]:

@@ -12,7 +12,6 @@ import argparse
 import json
 import resource
 import sys
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,16 +19,11 @@ from typing import Any
 
 import cv2
 import numpy as np
+from hairloom.cli import StageClock
+from hairloom.cli_fourview import StageProgress
 from hairloom.fourview.database import HairDatabase, open_database
-from hairloom.fourview.pipeline import (
-    FourViewParams,
-    FourViewResult,
-    hair_directions,
-    hair_strands,
-    hair_texture,
-    rough_shape,
-)
-from hairloom.fourview.quality import mask_iou, orientation_error, quality_report
+from hairloom.fourview.pipeline import FourViewParams, FourViewResult, model_hair
+from hairloom.fourview.quality import mask_iou, orientation_error
 from hairloom.fourview.views import View
 from hairloom.geometry.scalp_guess import guess_scalp
 from hairloom.geometry.strand_raster import hair_mask, raster_strands
@@ -37,6 +31,7 @@ from hairloom.geometry.strand_scores import strand_scores
 from hairloom.io.bundle import read_bundle
 from hairloom.io.images import read_image, read_mask, write_image
 from hairloom.io.strands import write_strands
+from hairloom.progress import NO_PROGRESS
 from hairloom.types import Camera, Head, StrandSet
 
 VIEWS = ("front", "back", "left", "right")
@@ -74,27 +69,12 @@ def own_family(database: HairDatabase, groom: str) -> tuple[str, ...]:
 def model(
     views: Sequence[View], head: Head, database: HairDatabase, exclude: Sequence[str], params: FourViewParams
 ) -> tuple[FourViewResult, dict[str, float]]:
-    """The stages one after another, with the seconds of each."""
-    seconds: dict[str, float] = {}
-    since = [time.perf_counter()]
-
-    def done(stage: str) -> None:
-        now = time.perf_counter()
-        seconds[stage] = round(now - since[0], 2)
-        since[0] = now
-
-    shape = rough_shape(views, head, database, params, exclude=exclude)
-    done("shape")
-    surface, texture = hair_texture(shape, views, params)
-    done("texture")
-    directions = hair_directions(shape, surface, texture, views, head, (), params)
-    done("directions")
-    strands = hair_strands(shape, directions, views, head, params)
-    done("strands")
-    report = quality_report(strands, views, head)
-    done("report")
-    report |= {"style": shape.style, "shape_iou": shape.mask_iou.tolist(), "remarks": list(shape.remarks)}
-    return FourViewResult(shape, surface, texture, directions, strands, report), seconds
+    """The model, and the seconds of each stage."""
+    clock = StageClock()
+    stages = StageProgress(NO_PROGRESS, clock)
+    result = model_hair(views, head, database, (), params, exclude=exclude, progress=stages)
+    clock("")
+    return result, {stage: round(seconds, 2) for stage, seconds in clock.seconds.items()}
 
 
 def judge(strands: StrandSet, truth: StrandSet, views: Sequence[View], truth_head: Head) -> dict[str, Any]:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +17,7 @@ from grooms import Groom
 from hairloom.geometry.camera import DISTANCE, unproject
 from hairloom.types import Camera, Float32
 from mathutils import Matrix, Vector
-from render import SCALP_SHADE, hair_material, shade_scalp
+from render import SCALP_SHADE, hair_material, quiet, shade_scalp
 
 SKIN = (0.24, 0.145, 0.105, 1.0)  # linear RGBA, for light that is strong enough for dark hair
 DARK_SCALP = (0.02, 0.014, 0.01, 1.0)  # gaps between strands look like hair in the shade, not like skin
@@ -202,7 +200,7 @@ def _render(scene: Any, camera: Camera) -> Float32:
     settings.file_format, settings.color_mode, settings.color_depth = "PNG", "RGBA", "16"
     with tempfile.TemporaryDirectory() as folder:
         scene.render.filepath = os.path.join(folder, "picture.png")
-        with _quiet():
+        with quiet():
             bpy.ops.render.render(write_still=True)
         image = bpy.data.images.load(scene.render.filepath)
         width, height = image.size
@@ -210,17 +208,3 @@ def _render(scene: Any, camera: Camera) -> Float32:
         image.pixels.foreach_get(pixels)
         bpy.data.images.remove(image)
     return np.ascontiguousarray(pixels.reshape(height, width, 4)[::-1])
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keeps Blender's render log, written past sys.stdout, off the terminal."""
-    sys.stdout.flush()
-    kept = os.dup(1)
-    try:
-        with open(os.devnull, "wb") as nowhere:
-            os.dup2(nowhere.fileno(), 1)
-            yield
-    finally:
-        os.dup2(kept, 1)
-        os.close(kept)
