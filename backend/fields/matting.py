@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
 from ..errors import require
@@ -19,6 +20,7 @@ LARGEST = 640  # pixels along the longer side on which the graph is cut; the bor
 _SEED = 5  # of OpenCV's k-means, which starts the colour models
 _SMALLEST_PART = 0.002  # of the picture; smaller islands and holes of a mask are specks
 _ITERATIONS = 5
+_SMOOTHED_PX = 3.0  # along a border that is pulled
 _MOST_COLOURS = 2000  # of a kind of scribble that are compared with
 
 
@@ -155,13 +157,79 @@ def outline(mask: Bools, tolerance_px: float = 1.0) -> list[Float64]:
 
 
 def mask_from_outline(polygons: Sequence[Floats], size: tuple[int, int]) -> Bools:
-    """The mask (H, W) bool within polygons, holes by the even-odd rule; `size` is (width, height)."""
-    canvas = np.zeros((size[1], size[0]), np.uint8)
-    shift = 6  # fixed-point bits of OpenCV's corners; pixel centres are at whole numbers there
-    corners = [np.round((np.asarray(polygon) - 0.5) * (1 << shift)).astype(np.int32) for polygon in polygons]
-    if corners:
-        cv2.fillPoly(canvas, corners, 1, shift=shift)
-    return canvas.astype(np.bool_)
+    """The mask (H, W) bool of the pixels whose middle the polygons of `outline` go round; `size` is (width, height).
+
+    A pixel counts where the border goes round it clockwise in sum: holes take away what their islands give, and where
+    a border was pulled over itself nothing is cut out.
+    """
+    width, height = size
+    change = np.zeros(height * (width + 1), np.int64)
+    if polygons:
+        starts = np.concatenate([np.asarray(polygon, np.float64) for polygon in polygons])
+        ends = np.concatenate([np.roll(np.asarray(polygon, np.float64), -1, axis=0) for polygon in polygons])
+        # the rows of pixel middles that each edge crosses, its upper end included
+        first, last = (np.ceil(side(starts[:, 1], ends[:, 1]) - 0.5) for side in (np.minimum, np.maximum))
+        first, last = (np.clip(row, 0, height).astype(np.int64) for row in (first, last))
+        edge = np.repeat(np.arange(len(starts)), last - first)
+        row = np.arange(len(edge)) - np.repeat(np.cumsum(last - first) - (last - first), last - first) + first[edge]
+        (x, y), (across, down) = starts[edge].T, (ends - starts)[edge].T
+        column = np.clip(np.ceil(x + (row + 0.5 - y) / down * across - 0.5), 0, width).astype(np.int64)
+        np.add.at(change, row * (width + 1) + column, np.where(down < 0.0, 1, -1))
+    return np.asarray(np.cumsum(change.reshape(height, width + 1), axis=1)[:, :width] > 0)
+
+
+def moved_outline(
+    polygons: Sequence[Floats], start: tuple[float, float], offset: tuple[float, float], radius: float
+) -> list[Float64]:
+    """The borders of a mask when one of them is grabbed and pulled (Z-1, the editable boundary).
+
+    The border's point nearest to `start` goes all the way, points around it less, (1 - (d / radius)^2)^2 of it, those
+    at `radius` and beyond stay. The steps of pixels are smoothed where the border moves, or they would be stretched.
+
+    Parameters
+    ----------
+    polygons : as `outline` gives them; with its tolerance_px 0 what is not moved gives the same mask again.
+    start, offset : (x, y), pixels: where the border was grabbed, and how far it was pulled. radius : pixels.
+
+    Raises
+    ------
+    InputError : no border within `radius` of `start`; a radius of 0 or less.
+    """
+    require(radius > 0, f"the radius is {radius} pixels; it must be above 0")
+    place, away = np.asarray(start, np.float64), np.asarray(offset, np.float64)
+    fine = [_dense_polygon(np.asarray(polygon, np.float64)) for polygon in polygons]
+    nearest = min((_nearest_corner(polygon, place) for polygon in fine), default=(np.inf, 0.0, 0.0))
+    require(
+        nearest[0] <= radius,
+        f"no border of the mask is within {radius:.0f} pixels of ({place[0]:.0f}, {place[1]:.0f}); press nearer to it",
+    )
+    smooth = min(1.0, float(np.hypot(*away)) / _SMOOTHED_PX)
+    moved = []
+    for polygon, dense in zip(polygons, fine):
+        near = np.linalg.norm(dense - nearest[1:], axis=1) / radius
+        weight = np.square(np.maximum(1.0 - near * near, 0.0))[:, None]
+        if not weight.any():
+            moved.append(np.asarray(polygon, np.float64))
+            continue
+        even = gaussian_filter1d(dense, _SMOOTHED_PX, axis=0, mode="wrap")
+        moved.append(dense + weight * (smooth * (even - dense) + away))
+    return moved
+
+
+def _dense_polygon(polygon: Float64) -> Float64:
+    """The polygon with more corners on its edges, so that none is longer than a pixel."""
+    along = np.roll(polygon, -1, axis=0) - polygon
+    count = np.maximum(np.ceil(np.linalg.norm(along, axis=1)), 1.0).astype(np.int64)
+    edge = np.repeat(np.arange(len(polygon)), count)
+    number = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
+    return np.asarray(polygon[edge] + along[edge] * (number / count[edge])[:, None])
+
+
+def _nearest_corner(polygon: Float64, place: Float64) -> tuple[float, float, float]:
+    """How far the nearest corner is, and where."""
+    far = np.linalg.norm(polygon - place, axis=1)
+    x, y = polygon[np.argmin(far)].tolist()
+    return float(far.min()), x, y
 
 
 def _labels(image: UInt8, foreground: Bools, background: Bools, start: Bools, scribbles_only: bool) -> UInt8:

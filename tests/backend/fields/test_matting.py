@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from hairloom.errors import InputError
-from hairloom.fields.matting import first_guess, mask_from_outline, outline, segment
+from hairloom.fields.matting import first_guess, mask_from_outline, moved_outline, outline, segment
 
 SIZE = 160
 Y, X = np.mgrid[:SIZE, :SIZE].astype(float)
@@ -110,6 +110,89 @@ def test_outline_of_a_box_has_its_corners():
 def test_outline_at_the_pictures_border():
     mask = np.ones((6, 8), bool)
     assert mask_from_outline(outline(mask), (8, 6)).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_exact_outline_gives_the_same_mask_again(seed):
+    # islands, holes, and pixels that touch at a corner alone
+    noise = np.random.default_rng(seed).random((23, 31)) < 0.55
+    assert np.array_equal(mask_from_outline(outline(noise, 0.0), (31, 23)), noise)
+    coarse = np.kron(noise, np.ones((7, 5), bool))
+    assert np.array_equal(mask_from_outline(outline(coarse, 0.0), (31 * 5, 23 * 7)), coarse)
+
+
+def mask_from_outline_naive(polygons, size):
+    """How often the polygons go round the middle of each pixel, by the angle that they turn."""
+    found = np.zeros(size[::-1])
+    for row, column in np.ndindex(*found.shape):
+        for polygon in polygons:
+            turn = np.unwrap(np.arctan2(*(polygon - [column + 0.5, row + 0.5]).T[::-1]))
+            whole = turn[-1] + np.angle(np.exp(1j * (turn[0] - turn[-1])))
+            found[row, column] += np.rint((whole - turn[0]) / (2 * np.pi))
+    return found > 0
+
+
+def test_mask_of_polygons_that_cross_themselves():
+    rng = np.random.default_rng(5)
+    polygons = [rng.uniform(-4, 24, (7, 2)) for _ in range(3)]
+    assert np.array_equal(mask_from_outline(polygons, (20, 17)), mask_from_outline_naive(polygons, (20, 17)))
+
+
+def disc(x=80.0, y=80.0, radius=40.0):
+    return (X + 0.5 - x) ** 2 + (Y + 0.5 - y) ** 2 < radius**2
+
+
+def test_a_pulled_border_goes_where_it_is_pulled_to():
+    mask = disc()
+    # grabbed two pixels beside the border at the right, pulled 25 to the right
+    moved = mask_from_outline(moved_outline(outline(mask, 0.0), (122.0, 80.0), (25.0, 0.0), 20.0), (SIZE, SIZE))
+    assert not (mask & ~moved).any()
+    added = moved & ~mask
+    assert abs(np.flatnonzero(moved[80])[-1] + 1 - 145) <= 1.5  # the border was at 120
+    rows, columns = np.nonzero(added)
+    assert np.abs(rows + 0.5 - 80).max() <= 20 and columns.min() >= 115
+    # a bump of the falloff's form: its area is the integral of (1 - t^2)^2 over -20 .. 20, times 25
+    assert added.sum() == pytest.approx(25 * 20 * 16 / 15, rel=0.08)
+    pushed = mask_from_outline(moved_outline(outline(mask, 0.0), (120.0, 80.0), (-25.0, 0.0), 20.0), (SIZE, SIZE))
+    assert not (pushed & ~mask).any()
+    assert abs(np.flatnonzero(pushed[80])[-1] + 1 - 95) <= 1.5
+
+
+def test_a_hole_can_be_pulled_too():
+    mask = disc() & ~disc(radius=15.0)
+    moved = mask_from_outline(moved_outline(outline(mask, 0.0), (80.0, 95.0), (0.0, 12.0), 12.0), (SIZE, SIZE))
+    assert not moved[104, 80] and mask[104, 80]
+    assert not (moved & ~mask).any()
+
+
+def test_a_border_pulled_over_itself_leaves_no_hole():
+    mask = disc()
+    # along the border, so far that it folds; and right through the disc
+    for offset in ((0.0, 60.0), (-140.0, 0.0)):
+        moved = mask_from_outline(moved_outline(outline(mask, 0.0), (120.0, 80.0), offset, 25.0), (SIZE, SIZE))
+        assert len(outline(moved)) <= 2 and all(np.ptp(p, axis=0).max() > 5 for p in outline(moved))
+        assert not (moved & (X < 39)).any()
+
+
+def test_what_is_not_grabbed_stays_as_it_is():
+    mask = disc() | disc(20.0, 20.0, 9.0)
+    polygons = outline(mask, 0.0)
+    moved = moved_outline(polygons, (120.0, 80.0), (9.0, 3.0), 30.0)
+    assert np.array_equal(moved[1], polygons[1])
+    again = mask_from_outline(moved, (SIZE, SIZE))
+    away = (X + 0.5 - 120) ** 2 + (Y + 0.5 - 80) ** 2 > (30 + 10) ** 2
+    assert np.array_equal(again[away], mask[away])
+    still = moved_outline(polygons, (120.0, 80.0), (0.0, 0.0), 30.0)
+    assert np.array_equal(mask_from_outline(still, (SIZE, SIZE)), mask)
+
+
+def test_nothing_to_grab():
+    with pytest.raises(InputError, match="press nearer"):
+        moved_outline(outline(disc()), (5.0, 5.0), (1.0, 1.0), 20.0)
+    with pytest.raises(InputError, match="press nearer"):
+        moved_outline([], (5.0, 5.0), (1.0, 1.0), 20.0)
+    with pytest.raises(InputError, match="above 0"):
+        moved_outline(outline(disc()), (5.0, 5.0), (1.0, 1.0), 0.0)
 
 
 def test_bad_input():
