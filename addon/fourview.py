@@ -164,7 +164,7 @@ def window_region(context: bpy.types.Context, event: bpy.types.Event) -> bpy.typ
 
 def swap(a: FourViewPhoto, b: FourViewPhoto) -> None:
     """Let two photos change places: pictures, masks and marks; views and planes stay where they are."""
-    for name in ("image", "mask", "image_stamp", "mask_stamp", "scribbles", "landmarks"):
+    for name in ("image", "mask", "image_stamp", "mask_stamp", "mask_by_hand", "scribbles", "landmarks"):
         first, second = getattr(a, name), getattr(b, name)
         setattr(a, name, second)
         setattr(b, name, first)
@@ -311,6 +311,14 @@ def why_no_image(context: bpy.types.Context) -> str:
         if photo.image is None or photo.plane is None or photo.plane.name not in context.view_layer.objects:
             return f"The photo '{name}' was deleted from the file: remove it from the list, or undo"
     return ""
+
+
+def why_no_border(context: bpy.types.Context) -> str:
+    """Why the border of the active photo's mask cannot be dragged."""
+    missing = scene.why_no_object_mode(context) or why_no_photo(context) or why_no_image(context)
+    if not missing and active_photo(context).mask is None:
+        return "The photo has no mask yet: press Guess Masks or Segment, or load one"
+    return missing
 
 
 def why_no_masks(context: bpy.types.Context) -> str:

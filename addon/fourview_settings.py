@@ -59,6 +59,9 @@ class FourViewPhoto(bpy.types.PropertyGroup):
     # of the pixels, so that nobody need read them to know whether they are the same
     image_stamp: StringProperty(name="Photo's Pixels", description="Tells one photo from another")
     mask_stamp: StringProperty(name="Mask's Pixels", description="Tells one mask from another")
+    mask_by_hand: BoolProperty(
+        name="Mask by Hand", description="The mask was painted, pulled or loaded, so that no step makes it by itself"
+    )
     scribbles: StringProperty(name="Scribbles", description="What was marked on the photo, JSON in pixels")
     landmarks: StringProperty(name="Landmarks", description="Places on the face that were clicked, JSON in pixels")
     is_perspective: BoolProperty(
@@ -111,6 +114,10 @@ class FourViewProject(bpy.types.PropertyGroup):
             ("SCRIBBLES", "Scribbles", "Mark some of the hair and of the rest; Segment finds the border"),
             ("MASK", "Mask", "Paint the mask itself, to mend its border"),
         ),
+    )  # fmt: skip
+    border_size: IntProperty(
+        name="Reach", default=60, min=2, soft_max=400, max=4000, subtype="PIXEL",
+        description="How wide the circle is in which a drag moves the mask's border, in pixels of the photo",
     )  # fmt: skip
     strokes: StringProperty(name="Strokes", description="Strokes along the hair from root to tip, JSON in pixels")
     remarks: StringProperty(name="Remarks", description="What was noticed while the cameras were placed")

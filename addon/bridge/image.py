@@ -104,8 +104,8 @@ def stamp(pixels: np.ndarray) -> str:
     return digest.hexdigest()
 
 
-def set_mask(photo: Any, name: str, mask: np.ndarray) -> None:
-    """Give a photo another mask; the old image goes when nothing else shows it.
+def set_mask(photo: Any, name: str, mask: np.ndarray, *, by_hand: bool = False) -> None:
+    """Give a photo another mask; the old image goes when nothing else shows it. by_hand : the user's own work.
 
     Raises
     ------
@@ -115,7 +115,7 @@ def set_mask(photo: Any, name: str, mask: np.ndarray) -> None:
     old = photo.mask
     # a new image, not new pixels: undo brings images back, not their pixels
     photo.mask = new_image(f"{name} mask", mask)
-    photo.mask_stamp = stamp(mask)
+    photo.mask_stamp, photo.mask_by_hand = stamp(mask), by_hand
     if old is not None and old.users == 0:
         bpy.data.images.remove(old)
 
@@ -152,7 +152,35 @@ def paint_mask(photo: Any, name: str, kind: str, width: float, points: list[tupl
     """
     size = tuple(photo.image.size)
     before = read_mask(photo.mask) if photo.mask is not None else np.zeros((size[1], size[0]), np.bool_)
-    set_mask(photo, name, painted(before, kind, width, points))
+    set_mask(photo, name, painted(before, kind, width, points), by_hand=True)
+
+
+def read_border(photo: Any) -> list[np.ndarray]:
+    """The borders of a photo's mask as polygons (n, 2), pixels, that give exactly this mask again."""
+    return matting.outline(read_mask(photo.mask), 0.0)
+
+
+def moved_border(
+    border: list[np.ndarray], start: tuple[float, float], end: tuple[float, float], radius: float
+) -> list[np.ndarray]:
+    """The borders when they were grabbed at `start` and pulled to `end`, pixels; see `matting.moved_outline`."""
+    return matting.moved_outline(border, start, (end[0] - start[0], end[1] - start[1]), radius)
+
+
+def drag_border(
+    photo: Any, name: str, start: tuple[float, float], end: tuple[float, float], radius: float
+) -> bool:  # fmt: skip
+    """Pull the border of a photo's mask from `start` to `end`; did that change the mask?
+
+    Raises
+    ------
+    InputError : no border near `start`, or nothing would be left of the mask.
+    """
+    moved = matting.mask_from_outline(moved_border(read_border(photo), start, end, radius), tuple(photo.image.size))
+    if np.array_equal(moved, read_mask(photo.mask)):
+        return False
+    set_mask(photo, name, moved, by_hand=True)
+    return True
 
 
 def mirror(photo: Any, name: str) -> None:
@@ -160,7 +188,8 @@ def mirror(photo: Any, name: str) -> None:
     pixels, old = np.ascontiguousarray(read_pixels(photo.image)[:, ::-1]), photo.image
     width = pixels.shape[1]
     if photo.mask is not None:
-        set_mask(photo, name, np.ascontiguousarray(read_mask(photo.mask)[:, ::-1]))
+        turned = np.ascontiguousarray(read_mask(photo.mask)[:, ::-1])
+        set_mask(photo, name, turned, by_hand=photo.mask_by_hand)
     photo.image = new_image(old.name, pixels)
     photo.image_stamp = stamp(pixels)
     photo.plane.data = photo.image

@@ -24,6 +24,7 @@ from . import (
     extract_guides,
     fit_helices,
     four_view_add_images,
+    four_view_border,
     four_view_photo,
     four_view_place,
     four_view_project,
@@ -55,6 +56,7 @@ _MODULES = (
     transfer_details, update_details, save_detail, apply_detail, make_guides, select_guides, extract_guides,
     fit_helices, show_helices, simulate, resume_simulation, free_cache, bake_alembic, bake_usd,
     bake_playback, export_unreal, four_view_add_images, four_view_photo, four_view_segment, four_view_scribble,
+    four_view_border,
     four_view_place, four_view_stages, four_view_stroke, four_view_project, cancel_job, warm_up,
 )  # fmt: skip
 

@@ -27,9 +27,21 @@ class MouseStroke:
     def color(self) -> tuple[float, float, float, float]:
         raise NotImplementedError
 
+    def lines(self, context: bpy.types.Context, points: list[tuple[float, float]]) -> list[object]:
+        """What is drawn while the mouse moves, in the pixels of the stroke's points: the stroke itself."""
+        return [points]
+
+    def why_not(self, context: bpy.types.Context, event: bpy.types.Event) -> str:
+        """Why no stroke can begin here."""
+        return ""
+
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if self.points or context.region_data is None:
             return self.execute(context)
+        missing = self.why_not(context, event)
+        if missing:
+            self.report({"WARNING"}, missing)
+            return {"CANCELLED"}
         self._draft = fourview_strokes.Draft()
         self._take(context, event)
         context.workspace.status_text_set(_STATUS)
@@ -54,7 +66,8 @@ class MouseStroke:
     def _take(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
         place = self.pixel(context, event)
         if place is not None and self._draft.move(*place):
-            fourview_overlay.draft[:] = [(self.color(), self.in_world(context, self._draft.points))]
+            lines = self.lines(context, self._draft.points)
+            fourview_overlay.draft[:] = [(self.color(), self.in_world(context, line)) for line in lines]
             context.area.tag_redraw()
 
     def _leave(self, context: bpy.types.Context) -> None:
@@ -68,7 +81,19 @@ class MouseStroke:
         self._leave(context)
 
 
-class HAIRLOOM_OT_four_view_scribble(MouseStroke, bpy.types.Operator):
+class PhotoStroke(MouseStroke):
+    """Mixin: a stroke of the mouse over the active photo, in its pixels."""
+
+    def pixel(self, context: bpy.types.Context, event: bpy.types.Event) -> tuple[float, float] | None:
+        place = (event.mouse_region_x, event.mouse_region_y)
+        photo = fourview.active_photo(context)
+        return lazy.bridge("camera").pixel_under_mouse(photo, context.region, context.region_data, place)
+
+    def in_world(self, context: bpy.types.Context, points: list[tuple[float, float]]) -> object:
+        return lazy.bridge("camera").pixels_in_world(fourview.active_photo(context), points)
+
+
+class HAIRLOOM_OT_four_view_scribble(PhotoStroke, bpy.types.Operator):
     """Drag over the active photo to mark hair, what is no hair, or to erase marks"""
 
     bl_idname = "hairloom.four_view_scribble"
@@ -87,14 +112,6 @@ class HAIRLOOM_OT_four_view_scribble(MouseStroke, bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return scene.allowed(cls, scene.why_no_object_mode(context) or fourview.why_no_image(context))
-
-    def pixel(self, context: bpy.types.Context, event: bpy.types.Event) -> tuple[float, float] | None:
-        place = (event.mouse_region_x, event.mouse_region_y)
-        photo = fourview.active_photo(context)
-        return lazy.bridge("camera").pixel_under_mouse(photo, context.region, context.region_data, place)
-
-    def in_world(self, context: bpy.types.Context, points: list[tuple[float, float]]) -> object:
-        return lazy.bridge("camera").pixels_in_world(fourview.active_photo(context), points)
 
     def color(self) -> tuple[float, float, float, float]:
         return _COLORS[self.kind]

@@ -90,7 +90,7 @@ class HAIRLOOM_OT_four_view_load_mask(bpy.types.Operator, ImportHelper):
     def execute(self, context: bpy.types.Context) -> set[str]:
         photo, name = fourview.active_photo(context), fourview.active_name(context)
         images = lazy.bridge("image")
-        images.set_mask(photo, name, images.load_mask(Path(self.filepath), tuple(photo.image.size)))
+        images.set_mask(photo, name, images.load_mask(Path(self.filepath), tuple(photo.image.size)), by_hand=True)
         return {"FINISHED"}
 
 

@@ -128,7 +128,13 @@ class HAIRLOOM_PT_four_view_segment(StepPanel, bpy.types.Panel):
         column.prop(found, "brush_paints")
         column.prop(found, "brush_size")
         hint(layout, "Drag over hair; with Ctrl over what is none, with Shift to erase. Then press Segment")
+        if photo.mask is not None and photo.mask_by_hand:
+            hint(layout, "This mask was edited by hand: Segment replaces it")
         job_button(layout, context, "MOD_MASK", HAIRLOOM_OT_four_view_segment)
+        row = layout.row(align=True)
+        row.enabled = photo.mask is not None
+        row.operator("wm.tool_set_by_id", text="Drag Border", icon="MOD_SIMPLEDEFORM").name = fourview_tools.BORDER_TOOL
+        row.prop(found, "border_size")
         layout.operator("hairloom.four_view_load_mask", icon="FILE_FOLDER")
         column = settings_column(layout)
         column.prop(photo, "mask")
