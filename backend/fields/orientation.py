@@ -64,10 +64,13 @@ def orientation_map(
     OrientationMap, its confidence divided by its 99th percentile and clipped to [0, 1].
     """
     grey = _grey(image)
+    bank = gabor_bank(params)
     if mask is not None:
         require(mask.shape == grey.shape, f"the mask has {mask.shape} pixels, the image {grey.shape}")
+        box = _box(mask, params.iterations * bank.shape[1] + math.ceil(3 * params.smooth))
+        if box != (slice(0, grey.shape[0]), slice(0, grey.shape[1])):
+            return _within(box, image, mask, params)
         grey = fill_pixels(grey, mask)
-    bank = gabor_bank(params)
     angle = np.zeros(grey.shape, np.float32)
     confidence = np.zeros(grey.shape, np.float32)
     for _ in range(params.iterations):
@@ -80,6 +83,26 @@ def orientation_map(
     if params.smooth > 0:
         angle = smooth_angles(angle, confidence, params.smooth)
     return OrientationMap(np.asarray(angle, np.float32), np.asarray(confidence, np.float32))
+
+
+def _box(mask: Bools, margin: int) -> tuple[slice, slice]:
+    """Rows and columns that have pixels of the mask in them or in `margin` around them; all for an empty mask."""
+    found = []
+    for size, used in zip(mask.shape, (mask.any(axis=1), mask.any(axis=0))):
+        places = np.flatnonzero(used)
+        found.append(slice(max(places[0] - margin, 0), min(places[-1] + margin + 1, size)) if len(places)
+                     else slice(0, size))  # fmt: skip
+    return found[0], found[1]
+
+
+def _within(
+    box: tuple[slice, slice], image: NDArray[np.uint8] | Float32, mask: Bools, params: OrientationParams
+) -> OrientationMap:
+    """The map of a picture of which only a box matters; outside, angle and confidence are 0."""
+    part = orientation_map(image[box], mask[box], params)
+    angle, confidence = np.zeros(mask.shape, np.float32), np.zeros(mask.shape, np.float32)
+    angle[box], confidence[box] = part.angle, part.confidence
+    return OrientationMap(angle, confidence)
 
 
 def gabor_bank(params: OrientationParams) -> Float32:

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from ..errors import require
 from ..progress import NO_PROGRESS, Progress
 from ..types import Float32, Float64, Head, Mesh, StrandSet, check_array
+from .photo_orientations import photo_orientations
 from .regions import Graph, Regions, axes_of, fill_regions, make_graph, make_regions, outer_products, smooth, unit
 from .signs import SignParams, solve_signs
 from .strokes import stroke_directions
@@ -45,7 +46,8 @@ class Shape(Protocol):
 class DirectionParams:
     """Settings of surface_orientations, find_directions and direction_volume; lengths in metres."""
 
-    max_texels: int = 700_000  # of the texture's scale that the filters run on
+    max_texels: int = 200_000  # of the texture's scale that the filters run on: about a photo's pixel wide or more
+    photo_weight: float = 1.0  # of the photos' own orientation against the texture's, where they show it; paper: 0
     region_size: float = 0.008  # between the middles of regions that share a sign
     smoothing: float = 1.0  # of orientations between neighbouring texels, against a confidence of 1
     database_reach: float = 0.02  # from the surface to the hair of the database that tells the direction
@@ -66,7 +68,7 @@ class DirectionParams:
         require(0.001 <= self.database_reach <= 1, f"database_reach is {self.database_reach} m; it must be in 0.001..1")
         require(0.0005 <= self.stroke_reach <= 0.1, f"stroke_reach is {self.stroke_reach} m; it must be in 0.0005..0.1")
         require(16 <= self.cells <= 400, f"cells is {self.cells}; it must be in 16..400")
-        for name in ("smoothing", "database_unseen", "database_seen", "gravity", "outward"):
+        for name in ("photo_weight", "smoothing", "database_unseen", "database_seen", "gravity", "outward"):
             require(0 <= getattr(self, name) <= 100, f"{name} is {getattr(self, name)}; it must be in 0..100")
         for name in ("surface_weight", "root_weight"):
             require(1e-4 <= getattr(self, name) <= 1e4, f"{name} is {getattr(self, name)}; it must be in 1e-4..1e4")
@@ -163,7 +165,8 @@ def find_directions(
     Parameters
     ----------
     texture, surface : the hair texture and what it lies on. shape : of the hair, with the database's hair in it.
-    views : the photos; where none of them sees the surface the database's hair is followed.
+    views : the photos; where they see the surface their own orientation counts beside the texture's, and where none
+        does the database's hair is followed.
     strokes : from root to tip; they bind the sign of what lies under them, the rest follows.
 
     Raises
@@ -179,7 +182,9 @@ def find_directions(
     regions = make_regions(graph, texels.edges, texels.points, texels.normals, steps)
     database, agreement = strand_directions(shape.strands, regions.points, params.database_reach)
     progress(0.7, "Filling")
-    axes, coherence, orientations = _fill(found, graph, regions, database, agreement, params)
+    photos = photo_orientations(texels, views, shape.closed) if params.photo_weight > 0 else None
+    known = _known(found, photos, params.photo_weight)
+    axes, coherence, orientations = _fill(found, known, graph, regions, database, agreement, params)
     progress(0.85, "Signs")
     drawn = stroke_directions(strokes, surface.mesh, texels, params.stroke_reach)
     signs = _region_signs(regions, axes, coherence, database, agreement, drawn, head, params)
@@ -215,19 +220,34 @@ def strand_directions(strands: StrandSet, points: Float64, reach: float) -> tupl
     return unit(sums), np.where(total > 0, np.minimum(agreement, 1.0), 0.0)
 
 
+def _known(
+    found: SurfaceOrientations, photos: tuple[Float32, Float32] | None, photo_weight: float
+) -> tuple[Float32, Float32]:
+    """Tensors (T, 6) of what texture and photos tell of the texels' orientation, times weights (T,); and these."""
+    weights = found.confidence * (0.25 + 0.75 * _seen(found))
+    tensors = outer_products(found.orientations) * weights[:, None]
+    if photos is None:
+        return tensors, weights
+    scale = np.float32(photo_weight)
+    return tensors + scale * photos[0], weights + scale * photos[1]
+
+
+def _seen(found: SurfaceOrientations) -> Float32:
+    """(T,) from 0 where no photo sees a texel well to 1."""
+    return np.clip(found.coverage / np.float32(0.5), np.float32(0.0), np.float32(1.0))
+
+
 def _fill(
-    found: SurfaceOrientations, graph: Graph, regions: Regions, database: Float64, agreement: Float64,
-    params: DirectionParams,
+    found: SurfaceOrientations, known: tuple[Float32, Float32], graph: Graph, regions: Regions, database: Float64,
+    agreement: Float64, params: DirectionParams,
 ) -> tuple[Float64, Float64, Float32]:  # fmt: skip
     """Axes (R, 3) and coherence (R,) of the regions, and orientations (T, 3) of the texels, smooth and everywhere.
 
-    Where a photo sees the surface the texture counts, where none does the hair of the database does too.
+    Where a photo sees the surface what is known of the texels counts, where none does the hair of the database too.
     """
-    seen = np.clip(found.coverage / 0.5, 0.0, 1.0)
-    weights = found.confidence * (0.25 + 0.75 * seen)
-    tensors = outer_products(found.orientations)
-    share = np.stack([weights, seen], axis=1)
-    sums, totals = regions.sums(tensors * weights[:, None]), regions.sums(share)
+    tensors, weights = known
+    seen = _seen(found)
+    sums, totals = regions.sums(tensors), regions.sums(np.stack([weights, seen], axis=1))
     # the hair of the database where it lies along the surface
     along = database - np.einsum("rc,rc->r", database, regions.normals)[:, None] * regions.normals
     size = np.linalg.norm(along, axis=1)
@@ -240,7 +260,7 @@ def _fill(
     # texels: their own where they are clear, else their region's
     base = (_COARSE + params.database_unseen * (1.0 - seen)).astype(np.float32)
     coarse = filled[regions.region].astype(np.float32)
-    blended = (tensors * weights[:, None] + base[:, None] * coarse) / (weights + base)[:, None]
+    blended = (tensors + base[:, None] * coarse) / (weights + base)[:, None]
     smoothed = smooth(graph, blended, (weights + base).astype(np.float32), coarse, params.smoothing, 12)
     orientations, _ = axes_of(smoothed, found.texels.normals)
     return axes.astype(np.float64), coherence.astype(np.float64), orientations

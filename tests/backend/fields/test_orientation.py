@@ -115,3 +115,17 @@ def test_bad_pictures(image, mask, words):
 def test_bad_settings():
     with pytest.raises(InputError, match="n_orientations"):
         OrientationParams(n_orientations=2)
+
+
+def test_a_mask_in_a_larger_picture_gives_the_same_map():
+    rng = np.random.default_rng(3)
+    small = rng.integers(0, 256, (200, 220, 3), np.uint8)
+    mask = np.zeros((200, 220), np.bool_)
+    mask[80:120, 85:130] = True
+    large = rng.integers(0, 256, (520, 470, 3), np.uint8)
+    large_mask = np.zeros((520, 470), np.bool_)
+    large[150:350, 90:310], large_mask[150:350, 90:310] = small, mask
+    alone, within = orientation_map(small, mask), orientation_map(large, large_mask)
+    assert np.allclose(alone.angle[mask], within.angle[large_mask], atol=1e-6)
+    assert np.allclose(alone.confidence[mask], within.confidence[large_mask], atol=1e-6)
+    assert not within.confidence[~large_mask].any()
