@@ -22,45 +22,48 @@ from ._patch_kernels import stream
 LANES = 32
 
 
-def _row_distance(typing_context: Any, a: Any, i: Any, b: Any, j: Any, mask: Any) -> Any:
-    """Sum of squared differences, int32, of the bytes a[i:i + 32] and b[j:j + 32] where mask[:32] is 255 (else 0)."""
-    signature = numba.types.int32(a, i, b, j, mask)
+def _rows_distance(
+    typing_context: Any, a: Any, i: Any, a_step: Any, b: Any, j: Any, b_step: Any, count: Any, mask: Any
+) -> Any:
+    """Sum of squared differences, int32, of `count` rows of bytes where mask[:32] is 255.
+
+    The rows start at bytes i, i + a_step, ... of a and j, j + b_step, ... of b. Lanes are added up once at the end.
+    """
+    signature = numba.types.int32(a, i, a_step, b, j, b_step, count, mask)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        integer = {bits: ir.IntType(bits) for bits in (8, 16, 32, 64)}
-        vector = {bits: ir.VectorType(integer[bits], LANES) for bits in (8, 16, 32)}
+        narrow, middle, wide = (ir.VectorType(ir.IntType(bits), LANES) for bits in (8, 16, 32))
 
         def load(place: int, offset: Any) -> Any:
             array = context.make_array(signature.args[place])(context, builder, arguments[place])
-            start = builder.bitcast(builder.gep(array.data, [offset]), vector[8].as_pointer())
+            start = builder.bitcast(builder.gep(array.data, [offset]), narrow.as_pointer())
             return builder.load(start, align=1)
 
-        kept = load(4, ir.Constant(integer[64], 0))
-        first = builder.zext(builder.and_(load(0, arguments[1]), kept), vector[16])
-        second = builder.zext(builder.and_(load(2, arguments[3]), kept), vector[16])
-        wide = builder.sext(builder.sub(first, second), vector[32])
-        kind = ir.FunctionType(integer[32], [vector[32]])
+        kept = load(7, ir.Constant(ir.IntType(64), 0))
+        total = cgutils.alloca_once_value(builder, ir.Constant(wide, None))
+        with cgutils.for_range(builder, arguments[6]) as loop:
+            a_start = builder.add(arguments[1], builder.mul(loop.index, arguments[2]))
+            b_start = builder.add(arguments[4], builder.mul(loop.index, arguments[5]))
+            first = builder.zext(builder.and_(load(0, a_start), kept), middle)
+            second = builder.zext(builder.and_(load(3, b_start), kept), middle)
+            difference = builder.sext(builder.sub(first, second), wide)
+            builder.store(builder.add(builder.load(total), builder.mul(difference, difference)), total)
         insert: Any = cgutils.get_or_insert_function
+        kind = ir.FunctionType(ir.IntType(32), [wide])
         add = insert(builder.module, kind, f"llvm.vector.reduce.add.v{LANES}i32")
-        return builder.call(add, [builder.mul(wide, wide)])
+        return builder.call(add, [builder.load(total)])
 
     return signature, generate
 
 
-row_distance: Any = intrinsic(_row_distance)
+rows_distance: Any = intrinsic(_rows_distance)
 
 
 @inlined_device
-def flat_distance(a: Any, i: int, a_row: int, b: Any, j: int, b_row: int, size: int, mask: Any, limit: Any) -> Any:
-    """Squared distance, int32, of the patches of `size` rows at bytes i and j; stops once it is above `limit`."""
-    total = np.int32(0)
-    for _ in range(size):
-        total = np.int32(total + row_distance(a, i, b, j, mask))
-        if total > limit:
-            break
-        i += a_row
-        j += b_row
-    return total
+def third_distance(a: Any, i: int, a_row: int, b: Any, j: int, b_row: int, third: int, size: int, mask: Any) -> Any:
+    """Squared distance, int32, of every third row, from row `third` on, of the patches at bytes i and j."""
+    count = (size + 2 - third) // 3
+    return rows_distance(a, i + third * a_row, 3 * a_row, b, j + third * b_row, 3 * b_row, count, mask)
 
 
 @inlined_device
@@ -91,8 +94,8 @@ def first_matches(a: Any, a_row: int, b: Any, b_row: int, b_size: Any, size: int
                 column = _between(state & np.uint64(0xFFFFFFFF), 0, b_size[1])
                 line = _between(state >> np.uint64(32), 0, b_size[0])
             matches[y, x, 0], matches[y, x, 1] = column, line
-            distances[y, x] = flat_distance(
-                a, y * a_row + 3 * x, a_row, b, line * b_row + 3 * column, b_row, size, mask, np.int32(2147483647)
+            distances[y, x] = rows_distance(
+                a, y * a_row + 3 * x, a_row, b, line * b_row + 3 * column, b_row, size, mask
             )
 
 
@@ -110,15 +113,6 @@ def match_once(a: Any, a_row: int, b: Any, b_row: int, b_size: Any, size: int, m
                     allowed, matches, distances)  # fmt: skip
 
 
-@inlined_device
-def _some_rows(a: Any, i: int, a_row: int, b: Any, j: int, b_row: int, first: int, size: int, mask: Any) -> Any:
-    """Squared distance, int32, of every second row of two patches, from row `first` on."""
-    total = np.int32(0)
-    for row in range(first, size, 2):
-        total = np.int32(total + row_distance(a, i + row * a_row, b, j + row * b_row, mask))
-    return total
-
-
 @device
 def _match_band(
     a: Any, a_row: int, b: Any, b_row: int, b_size: Any, size: int, mask: Any, low: int, high: int, border: Any,
@@ -127,15 +121,17 @@ def _match_band(
     """The rows [low, high) of one iteration: the four neighbours' matches, then candidates at random (eq. 4)."""
     width = distances.shape[1]
     forwards = iteration % 2 == 1
-    places, halves = np.empty((64, 2), np.int64), np.empty(64, np.int32)
+    places, parts = np.empty((64, 2), np.int64), np.empty(64, np.int32)
     for row in range(high - low):
         y = low + row if forwards else high - 1 - row
         state = stream(seed, 0, y, iteration)
         for column in range(width):
             x = column if forwards else width - 1 - column
             here = y * a_row + 3 * x
-            best, bx, by = _propagate(a, here, a_row, b, b_row, b_size, size, mask, x, y, low, high, border, forwards,
-                                      allowed, matches, distances)  # fmt: skip
+            best, bx, by = distances[y, x], np.int64(matches[y, x, 0]), np.int64(matches[y, x, 1])
+            count = _neighbours(x, y, low, high, border, forwards, b_size, matches, places)
+            best, bx, by = _best_place(a, here, a_row, b, b_row, size, mask, places, parts, count, allowed, best, bx,
+                                       by)  # fmt: skip
             count, reach = 0, max(b_size[0], b_size[1])
             while reach >= 1 and best > 0:
                 state = shifted(state)
@@ -145,22 +141,22 @@ def _match_band(
                 places[count, 1] = _between(state >> np.uint64(32), top, bottom)
                 count += 1
                 reach >>= 1
-            best, bx, by = _best_place(a, here, a_row, b, b_row, size, mask, places, halves, count, allowed, best, bx,
+            best, bx, by = _best_place(a, here, a_row, b, b_row, size, mask, places, parts, count, allowed, best, bx,
                                        by)  # fmt: skip
             distances[y, x] = best
             matches[y, x, 0], matches[y, x, 1] = bx, by
 
 
-@device
-def _propagate(
-    a: Any, here: int, a_row: int, b: Any, b_row: int, b_size: Any, size: int, mask: Any, x: int, y: int, low: int,
-    high: int, border: Any, forwards: bool, allowed: Any, matches: Any, distances: Any,
-) -> Any:  # fmt: skip
-    """Distance, column and row of the best of a patch's own match and those of its neighbours, moved by one.
+@inlined_device
+def _neighbours(
+    x: int, y: int, low: int, high: int, border: Any, forwards: bool, b_size: Any, matches: Any, places: Any
+) -> int:
+    """Writes what the four neighbours' matches are, moved by one, where it is another place in b; gives how many.
 
     The two neighbours that were not visited yet still have what the last iteration gave them.
     """
-    best, bx, by = distances[y, x], np.int64(matches[y, x, 0]), np.int64(matches[y, x, 1])
+    count = 0
+    bx, by = np.int64(matches[y, x, 0]), np.int64(matches[y, x, 1])
     for side in range(4):
         dx, dy = (1 if side == 0 else -1 if side == 1 else 0), (1 if side == 2 else -1 if side == 3 else 0)
         nx, ny = x - dx, y - dy
@@ -172,34 +168,31 @@ def _propagate(
             cx, cy = np.int64(border[nx, 0]) + dx, np.int64(border[nx, 1]) + dy
         else:
             continue
-        if (cx == bx and cy == by) or cx < 0 or cy < 0 or cx >= b_size[1] or cy >= b_size[0]:
-            continue
-        if allowed[cy, cx] == 0:
-            continue
-        error = flat_distance(a, here, a_row, b, cy * b_row + 3 * cx, b_row, size, mask, best)
-        if error < best:
-            best, bx, by = error, cx, cy
-    return best, bx, by
+        places[count, 0], places[count, 1] = cx, cy
+        count += 0 <= cx < b_size[1] and 0 <= cy < b_size[0] and (cx != bx or cy != by)
+    return count
 
 
-@device
+@inlined_device
 def _best_place(
-    a: Any, here: int, a_row: int, b: Any, b_row: int, size: int, mask: Any, places: Any, halves: Any, count: int,
+    a: Any, here: int, a_row: int, b: Any, b_row: int, size: int, mask: Any, places: Any, parts: Any, count: int,
     allowed: Any, best: Any, bx: int, by: int,
 ) -> Any:  # fmt: skip
     """The better of a match and the first `count` places (column, row).
 
-    Half the rows of all places are compared first, without a branch: the processor then fetches them side by side, and
-    few need the other half.
+    A third of the rows of all places is compared first, without a branch: the processor then fetches them side by
+    side, and few need the others. `allowed` is looked up last, since it costs as much as an image's row.
     """
     for k in range(count):
         there = places[k, 1] * b_row + 3 * places[k, 0]
-        halves[k] = _some_rows(a, here, a_row, b, there, b_row, 0, size, mask)
+        parts[k] = third_distance(a, here, a_row, b, there, b_row, 0, size, mask)
     for k in range(count):
-        if halves[k] < best and allowed[places[k, 1], places[k, 0]] != 0:
+        if parts[k] < best:
             there = places[k, 1] * b_row + 3 * places[k, 0]
-            error = np.int32(halves[k] + _some_rows(a, here, a_row, b, there, b_row, 1, size, mask))
-            if error < best:
+            rest = third_distance(a, here, a_row, b, there, b_row, 1, size, mask)
+            rest += third_distance(a, here, a_row, b, there, b_row, 2, size, mask)
+            error = np.int32(parts[k] + rest)
+            if error < best and allowed[places[k, 1], places[k, 0]] != 0:
                 best, bx, by = error, places[k, 0], places[k, 1]
     return best, bx, by
 

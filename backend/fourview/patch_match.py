@@ -16,7 +16,8 @@ from ..types import Bools, Float32, Int32, check_array
 from ._planar_kernels import LANES, first_matches, match_once, vote_flat
 from .views import UInt8
 
-_BAND = 50  # rows that are searched one after another; other bands' matches are one iteration old at the border
+# rows, about, that are searched one after another; other bands' matches are one iteration old at the border
+_BAND = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +62,8 @@ class FlatSearch:
         self._allowed = np.ones(tuple(self._places), np.uint8) if allowed is None else allowed.astype(np.uint8)
         self._a, self._b = _padded(a), _padded(b)
         self._rows = 3 * a.shape[1], 3 * b.shape[1]
-        self._bands = np.linspace(0, shape[0], max(1, shape[0] // _BAND) + 1).astype(np.int64)
+        n_bands = 2 * max(1, round(shape[0] / (2 * _BAND)))  # even: two threads have the same share
+        self._bands = np.linspace(0, shape[0], n_bands + 1).astype(np.int64)
         self.place, self.distance = np.empty((*shape, 2), np.int32), np.empty(shape, np.int32)
         self._iteration = 0
         begin = np.full((*shape, 2), -1, np.int32) if start is None else start

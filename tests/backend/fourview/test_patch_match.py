@@ -2,7 +2,7 @@ import numba
 import numpy as np
 import pytest
 from hairloom.errors import InputError
-from hairloom.fourview._planar_kernels import LANES, row_distance
+from hairloom.fourview._planar_kernels import LANES, rows_distance
 from hairloom.fourview.patch_match import FillParams, PatchMatchParams, fill_hole, match_patches
 
 SIZE = 7
@@ -59,20 +59,24 @@ def patch_match_naive(a, b, n_iterations, seed):
 
 
 @numba.njit
-def _row(a, i, b, j, mask):
-    return row_distance(a, i, b, j, mask)
+def _rows(a, i, a_step, b, j, b_step, count, mask):
+    return rows_distance(a, i, a_step, b, j, b_step, count, mask)
 
 
-def test_vector_arithmetic_of_a_row():
+def test_vector_arithmetic_of_rows():
     rng = np.random.default_rng(3)
-    a, b = rng.integers(0, 256, (2, 100)).astype(np.uint8)
-    a[:40], b[:40] = 255, 0  # the greatest differences
+    a, b = rng.integers(0, 256, (2, 900)).astype(np.uint8)
+    a[:400], b[:400] = 255, 0  # the greatest differences
     for n_bytes in (3, 21, 30):
         mask = np.zeros(LANES, np.uint8)
         mask[:n_bytes] = 255
-        for i, j in ((0, 0), (5, 11), (60, 2)):
-            truth = ((a[i : i + n_bytes].astype(int) - b[j : j + n_bytes]) ** 2).sum()
-            assert _row(a, i, b, j, mask) == truth
+        for i, j in ((0, 0), (5, 11), (410, 402)):
+            for count in (1, 2, 3, 4, 5, 10):
+                first = np.stack([a[i + 40 * k : i + 40 * k + n_bytes] for k in range(count)])
+                second = np.stack([b[j + 35 * k : j + 35 * k + n_bytes] for k in range(count)])
+                truth = ((first.astype(int) - second) ** 2).sum()
+                assert _rows(a, i, 40, b, j, 35, count, mask) == truth
+    assert _rows(a, 0, 40, b, 0, 35, 0, mask) == 0
 
 
 def test_distances_are_those_of_the_matches():
