@@ -204,20 +204,21 @@ def vote_flat(image: Any, matches: Any, weights: Any, size: int, out: Any) -> No
     matches : (H - size + 1, W - size + 1, 2) int32. weights : of that shape, float32; a patch of 0 does not vote.
     """
     height, width = weights.shape
+    row = 3 * image.shape[1]
+    colors = image.reshape(-1)
     for y in numba.prange(len(out)):
+        sums, totals = np.zeros(3 * out.shape[1], np.float32), np.zeros(out.shape[1], np.float32)
+        for i in range(max(0, y - size + 1), min(height, y + 1)):
+            for j in range(width):
+                weight = weights[i, j]
+                if weight > 0:
+                    start = (matches[i, j, 1] + y - i) * row + 3 * matches[i, j, 0]
+                    shown, to, over = colors[start : start + 3 * size], sums[3 * j : 3 * (j + size)], totals[j : j + size]
+                    for k in range(3 * size):
+                        to[k] += weight * np.float32(shown[k])
+                    for k in range(size):
+                        over[k] += weight
         for x in range(out.shape[1]):
-            red, green, blue, total = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
-            for i in range(max(0, y - size + 1), min(height, y + 1)):
-                for j in range(max(0, x - size + 1), min(width, x + 1)):
-                    weight = weights[i, j]
-                    if weight > 0:
-                        line, column = matches[i, j, 1] + y - i, matches[i, j, 0] + x - j
-                        red += weight * np.float32(image[line, column, 0])
-                        green += weight * np.float32(image[line, column, 1])
-                        blue += weight * np.float32(image[line, column, 2])
-                        total += weight
-            if total > 0:
-                half = np.float32(0.5)
-                out[y, x, 0] = np.uint8(red / total + half)
-                out[y, x, 1] = np.uint8(green / total + half)
-                out[y, x, 2] = np.uint8(blue / total + half)
+            if totals[x] > 0:
+                for c in range(3):
+                    out[y, x, c] = np.uint8(sums[3 * x + c] / totals[x] + np.float32(0.5))

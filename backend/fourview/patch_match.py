@@ -189,7 +189,7 @@ def _halved(image: UInt8, hole: Bools) -> tuple[UInt8, Bools]:
 
 def _places(hole: Bools, size: int) -> tuple[Bools, Bools]:
     """For each place of a patch whether it touches the hole, and whether it may be a source."""
-    sums = np.pad(np.cumsum(np.cumsum(hole, axis=0, dtype=np.int64), axis=1), ((1, 0), (1, 0)))
+    sums = np.pad(np.cumsum(np.cumsum(hole, axis=0, dtype=np.int32), axis=1, dtype=np.int32), ((1, 0), (1, 0)))
     inside = sums[size:, size:] - sums[:-size, size:] - sums[size:, :-size] + sums[:-size, :-size]
     return inside > 0, inside == 0
 
@@ -206,13 +206,13 @@ def _fill_scale(
     rows, columns = np.flatnonzero(touched.any(axis=1)), np.flatnonzero(touched.any(axis=0))
     box = slice(rows[0], rows[-1] + size), slice(columns[0], columns[-1] + size)
     inner = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    start = _random_places(allowed, touched.shape, params.seed)
+    start = _random_places(allowed, touched[inner].shape, params.seed)
     if coarse is not None:
-        larger = _larger(coarse, touched.shape)
-        good = (larger >= 0).all(axis=2) & (larger < np.array(allowed.shape[::-1])).all(axis=2)
+        larger = _larger(coarse, inner)
+        good = (larger[..., 0] >= 0) & (larger[..., 0] < allowed.shape[1]) & (larger[..., 1] < allowed.shape[0])
         good[good] = allowed[larger[good][:, 1], larger[good][:, 0]]
         start[good] = larger[good]
-    start = start[inner]
+    image = image.copy()
     for vote in range(n_votes):
         search = FlatSearch(image[box], image, size, params.seed + vote, allowed, start)
         for _ in range(params.n_searches):
@@ -220,7 +220,6 @@ def _fill_scale(
         start = search.place
         voted = np.empty((*hole[box].shape, 3), np.uint8)
         vote_flat(image, start, _vote_weights(search.distance, touched[inner]), size, voted)
-        image = image.copy()
         image[box] = np.where(hole[box][..., None], voted, image[box])
     matches = np.full((*touched.shape, 2), -1, np.int32)
     matches[inner] = start
@@ -237,17 +236,17 @@ def _vote_weights(distance: Int32, touched: Bools) -> Float32:
 
 def _random_places(allowed: Bools, shape: tuple[int, ...], seed: int) -> Int32:
     """(h, w, 2) int32: a place that may be a source, column and row, for each patch."""
-    rows, columns = np.nonzero(allowed)
-    chosen = np.random.default_rng(seed).integers(0, len(rows), shape)
-    return np.asarray(np.stack([columns[chosen], rows[chosen]], axis=2), np.int32)
+    places = np.flatnonzero(allowed)
+    chosen = places[np.random.default_rng(seed).integers(0, len(places), shape)]
+    rows, columns = np.divmod(chosen, allowed.shape[1])
+    return np.asarray(np.stack([columns, rows], axis=2), np.int32)
 
 
-def _larger(coarse: Int32, shape: tuple[int, ...]) -> Int32:
-    """Matches (h, w, 2) of the scale before, for the patches of one of twice the size; -1 where there was none."""
-    row = np.minimum(np.arange(shape[0]) // 2, coarse.shape[0] - 1)
-    column = np.minimum(np.arange(shape[1]) // 2, coarse.shape[1] - 1)
-    found = coarse[row][:, column]
-    offset = np.stack(
-        np.broadcast_arrays((np.arange(shape[1]) - 2 * column)[None], (np.arange(shape[0]) - 2 * row)[:, None]), axis=2
-    )
+def _larger(coarse: Int32, box: tuple[slice, slice]) -> Int32:
+    """Matches (h, w, 2) of the scale before for a box of patches at twice the size; -1 where there was none."""
+    rows, columns = (np.arange(side.start, side.stop) for side in box)
+    c_rows = np.minimum(rows // 2, coarse.shape[0] - 1)
+    c_columns = np.minimum(columns // 2, coarse.shape[1] - 1)
+    found = coarse[c_rows[:, None], c_columns]
+    offset = np.stack(np.broadcast_arrays(columns - 2 * c_columns, (rows - 2 * c_rows)[:, None]), axis=2)
     return np.asarray(np.where(found < 0, -1, 2 * found + offset), np.int32)
