@@ -2,17 +2,18 @@
 
 `python tests/renders/texture_quality.py RENDERS OUT [GROOM ...]`; RENDERS is what render_views.py wrote. For each groom
 the rough shape and its surface are made as always; then the texture twice: by synthesis, and plainly: the mean of the
-photos that see a texel by how much they face it, holes by inverse squared distance from their borders. Both are judged
-at the scale whose texels are as large as the photo's pixels, by the same filter and the same smoothing.
+photos that see a texel by how much they face it, holes by inverse squared distance from their borders. Both are made
+at the finest scale, and judged at that with texels of about a millimetre (--spacing), one or two of the photo's pixels,
+by the same filter and the same smoothing: finer texels than the photo's pixels show the filter little but noise.
 
 Orientation: median angle to the hair that was rendered, that is to the visible strands nearest to the texel, in the
-texel's tangent plane. Texels farther than 6 mm from hair do not count, nor those whose nearest strands cross each other.
+texel's tangent plane. Texels farther than 6 mm from hair do not count, nor those whose nearest strands cross.
 Kinds of texels: one view, overlap (two or more views with over a fifth of the weight), grazing (no view that sees it
 faces it within 45 degrees), hole (none sees it).
 
 Three cases: the photos as they are; cameras that are off by Gaussian angles of 10 degrees; and photos of two grooms
-(front of another groom, each pair in MIXED), for which there is no truth: there counts how sharp the overlap is, and how
-far its orientation is from that of the nearest of the photos that see it.
+(front of another groom, each pair in MIXED), for which there is no truth: there counts how sharp the overlap is, and
+how far its orientation is from the nearest of those of the photos that see it.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ NEAR = 0.006  # metres from a texel to the hair that it is compared with
 N_NEAREST = 8  # strand pieces whose mean is the truth
 AGREE = 0.6  # coherence of these, below which there is no truth
 SHARE = 0.2  # of the weight that makes a view count in an overlap
-SWEEPS = 6  # of smoothing, over neighbours
+SWEEPS = 25  # of smoothing, over neighbours
 NOISE = 10.0  # degrees
 MIXED = {"straight": "wavy", "wavy": "straight", "bob": "curly", "spiky": "short_crop"}  # groom: that of the front
 KINDS = ("one view", "overlap", "grazing", "hole")
@@ -156,10 +157,9 @@ def gradient_energy(texels: TexelMap, colours: Float32) -> Float32:
     return np.asarray(sums / np.maximum(np.bincount(ends, minlength=texels.n_texels), 1), np.float32)
 
 
-def make_case(surface: HairSurface, shape: RoughShape, views: list[View]) -> Case:
-    """The case at the scale whose texels come nearest to the photos' pixels."""
-    pixel = 1.0 / float(np.mean([view.camera.intrinsics[0, 0] for view in views]))
-    level = min(surface.levels, key=lambda level: abs(np.log(level.texels.spacing / pixel)))
+def make_case(surface: HairSurface, shape: RoughShape, views: list[View], spacing: float) -> Case:
+    """The case at the scale whose texels come nearest to `spacing` metres."""
+    level = min(surface.levels, key=lambda level: abs(np.log(level.texels.spacing / spacing)))
     return Case(surface, shape, views, level.texels, project_views(level.texels, views, shape.closed))
 
 
@@ -187,11 +187,10 @@ def judge_truth(case: Case, made: Mapping[str, Float32], truth: Truth) -> Number
 
 
 def judge_sharpness(case: Case, made: Mapping[str, Float32]) -> Numbers:
-    """Of the overlap: gradient energy and confidence against the one-view region's, and degrees to the nearest photo."""
+    """Of the overlap: gradient energy and confidence against the one-view region's, degrees to the nearest photo."""
     where = kinds(case.on_texels)
     overlap, single = where["overlap"], where["one view"]
     weights = case.on_texels.facing * case.on_texels.visible
-    nearest = np.full(case.texels.n_texels, 90, np.float32)
     own = []
     for number, view in enumerate(case.views):
         counts = case.on_texels.visible[number]
@@ -215,13 +214,13 @@ def judge_sharpness(case: Case, made: Mapping[str, Float32]) -> Numbers:
 class Measurement:
     """All cases of a groom."""
 
-    def __init__(self, renders: Path, database: HairDatabase, params: FourViewParams) -> None:
-        self.renders, self.database, self.params = renders, database, params
+    def __init__(self, renders: Path, database: HairDatabase, params: FourViewParams, spacing: float) -> None:
+        self.renders, self.database, self.params, self.spacing = renders, database, params, spacing
 
-    def _case(self, groom: str, views: list[View], head: Head, photos: list[View] | None = None) -> Case:
+    def _case(self, groom: str, views: list[View], head: Head) -> Case:
         exclude = own_family(self.database, groom)
         shape = rough_shape(views, head, self.database, self.params, exclude=exclude)
-        return make_case(make_surface(shape.open, self.params.surface), shape, photos or views)
+        return make_case(make_surface(shape.open, self.params.surface), shape, views, self.spacing)
 
     def cases(self, groom: str) -> dict[str, Case]:
         """The photos as they are, cameras that are off, and another groom's front if there is one for this groom."""
@@ -232,17 +231,21 @@ class Measurement:
         found = {"photos": first, "noise": self._case(groom, noisy(views, head, NOISE, 1), head)}
         if groom in MIXED and (self.renders / MIXED[groom]).is_dir():
             folders = {name: self.renders / (MIXED[groom] if name == "front" else groom) for name in VIEWS}
-            found["mixed"] = make_case(first.surface, first.shape, load_views(folders, cameras))
+            found["mixed"] = make_case(first.surface, first.shape, load_views(folders, cameras), self.spacing)
         return found
 
     def measure(self, groom: str) -> Numbers:
         rendered = read_bundle(self.renders / groom / "truth.npz")
-        truth = visible_hair(rendered["strands"], rendered["head"])
-        numbers: Numbers = {}
-        for name, case in self.cases(groom).items():
-            made = textures(case, self.params)
-            numbers[name] = judge_sharpness(case, made) if name == "mixed" else judge_truth(case, made, truth)
-        return numbers
+        return measured(self.cases(groom), visible_hair(rendered["strands"], rendered["head"]), self.params)
+
+
+def measured(cases: Mapping[str, Case], truth: Truth, params: FourViewParams) -> Numbers:
+    """The numbers of each case."""
+    numbers: Numbers = {}
+    for name, case in cases.items():
+        made = textures(case, params)
+        numbers[name] = judge_sharpness(case, made) if name == "mixed" else judge_truth(case, made, truth)
+    return numbers
 
 
 def _cell(value: float | None) -> str:
@@ -254,10 +257,8 @@ def truth_table(results: Mapping[str, Numbers], name: str) -> list[str]:
     lines = ["| | " + " | ".join(f"{kind}: synthesis / plain (share)" for kind in KINDS) + " |", "|---" * 5 + "|"]
     rows = {groom: numbers[name] for groom, numbers in results.items() if name in numbers}
     for groom, numbers in rows.items():
-        cells = [
-            f"{_cell(numbers['synthesis'][kind])} / {_cell(numbers['plain'][kind])} ({100 * numbers['share'][kind]:.0f} %)"
-            for kind in KINDS
-        ]
+        both = {kind: " / ".join(_cell(numbers[way][kind]) for way in WAYS) for kind in KINDS}
+        cells = [f"{both[kind]} ({100 * numbers['share'][kind]:.0f} %)" for kind in KINDS]
         lines.append(f"| {groom} | " + " | ".join(cells) + " |")
     cells = []
     for kind in KINDS:
@@ -301,10 +302,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("out", type=Path)
     parser.add_argument("grooms", nargs="*")
     parser.add_argument("--texture-size", type=int, default=2048)
+    parser.add_argument("--spacing", type=float, default=0.001, help="metres between the texels that are judged")
     options = parser.parse_args(arguments)
     params = FourViewParams()
     params = replace(params, surface=replace(params.surface, texture_size=options.texture_size))
-    measurement = Measurement(options.renders, open_database(), params)
+    measurement = Measurement(options.renders, open_database(), params, options.spacing)
     grooms = options.grooms or sorted(path.name for path in options.renders.iterdir() if path.is_dir())
     options.out.mkdir(parents=True, exist_ok=True)
     results: dict[str, Numbers] = {}
