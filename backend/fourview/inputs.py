@@ -13,7 +13,8 @@ from ..io.images import read_image, read_mask
 from ..io.units import Units
 from ..progress import NO_PROGRESS, Progress
 from ..types import Bools, Camera, Head
-from .placement import find_swapped, landmarks_of_face, place_cameras
+from .database import open_database
+from .placement import find_swapped, place_cameras
 from .project import Project, ProjectView, paint_scribbles, sized
 from .views import DirectionStroke, UInt8, View
 
@@ -115,12 +116,9 @@ def _cameras(
             continue
         missing[view.name] = masks[view.name]
         landmarks[view.name] = dict(view.landmarks)
-        if view.name == "front" and len(view.landmarks) < 2:
-            face = find_face(images["front"])
-            if face is not None:
-                landmarks["front"] = {**landmarks_of_face(face), **view.landmarks}
     if missing:
-        cameras |= place_cameras(missing, head, landmarks)
+        face = find_face(images["front"]) if "front" in missing else None
+        cameras |= place_cameras(missing, head, landmarks, face=face, database=open_database())
         remarks.append(f"cameras placed automatically: {', '.join(missing)}; check them")
     return cameras, remarks
 

@@ -12,7 +12,7 @@ from ..errors import require
 from ..fields.matting import find_face, first_guess, segment
 from ..fourview.database import HairDatabase, open_database
 from ..fourview.pipeline import FourViewParams, hair_directions, hair_strands, hair_texture, rough_shape
-from ..fourview.placement import find_swapped, landmarks_of_face, place_cameras
+from ..fourview.placement import find_swapped, place_cameras
 from ..fourview.quality import quality_report
 from ..fourview.views import View
 from ..progress import Progress, subrange
@@ -53,17 +53,17 @@ def run_place(inputs: Values, params: None, progress: Progress) -> Values:
     """First cameras (Z-2).
 
     masks {name: (H, W) bool}, head; landmarks {name: {landmark: [x, y]}}, images {name: (H, W, 3)} or nothing: a face
-    is looked for in the front view -> cameras {name: Camera}, remarks [text].
+    is looked for in the front view; folders, exclude: as for the shape -> cameras {name: Camera}, remarks [text].
     """
     masks = inputs["masks"]
-    landmarks = {name: dict(marks) for name, marks in (inputs.get("landmarks") or {}).items()}
     front = (inputs.get("images") or {}).get("front")
-    if "front" in masks and front is not None and len(landmarks.get("front", {})) < 2:
-        face = find_face(front)
-        if face is not None:
-            landmarks["front"] = {**landmarks_of_face(face), **landmarks.get("front", {})}
-    progress(0.3, "Placing cameras")
-    cameras = place_cameras(masks, inputs["head"], landmarks)
+    progress(0.0, "Looking for a face")
+    face = find_face(front) if "front" in masks and front is not None else None
+    progress(0.2, "Placing cameras")
+    cameras = place_cameras(
+        masks, inputs["head"], inputs.get("landmarks"), face=face, database=_database(inputs),
+        exclude=inputs.get("exclude") or (),
+    )  # fmt: skip
     return {"cameras": cameras, "remarks": find_swapped({name: mask for name, mask in masks.items() if name != "top"})}
 
 
