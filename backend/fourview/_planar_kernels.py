@@ -40,7 +40,8 @@ def _rows_distance(
             return builder.load(start, align=1)
 
         kept = load(7, ir.Constant(ir.IntType(64), 0))
-        total = cgutils.alloca_once_value(builder, ir.Constant(wide, None))
+        variable: Any = cgutils.alloca_once_value
+        total = variable(builder, ir.Constant(wide, None))
         with cgutils.for_range(builder, arguments[6]) as loop:
             a_start = builder.add(arguments[1], builder.mul(loop.index, arguments[2]))
             b_start = builder.add(arguments[4], builder.mul(loop.index, arguments[5]))
@@ -213,7 +214,11 @@ def vote_flat(image: Any, matches: Any, weights: Any, size: int, out: Any) -> No
                 weight = weights[i, j]
                 if weight > 0:
                     start = (matches[i, j, 1] + y - i) * row + 3 * matches[i, j, 0]
-                    shown, to, over = colors[start : start + 3 * size], sums[3 * j : 3 * (j + size)], totals[j : j + size]
+                    shown, to, over = (
+                        colors[start : start + 3 * size],
+                        sums[3 * j : 3 * (j + size)],
+                        totals[j : j + size],
+                    )
                     for k in range(3 * size):
                         to[k] += weight * np.float32(shown[k])
                     for k in range(size):

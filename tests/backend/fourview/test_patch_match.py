@@ -2,7 +2,7 @@ import numba
 import numpy as np
 import pytest
 from hairloom.errors import InputError
-from hairloom.fourview._planar_kernels import LANES, rows_distance
+from hairloom.fourview._planar_kernels import LANES, rows_distance, vote_flat
 from hairloom.fourview.patch_match import FillParams, PatchMatchParams, fill_hole, match_patches
 
 SIZE = 7
@@ -18,10 +18,10 @@ def picture(shape, seed):
     return np.clip(128 + 20 * total, 0, 255).astype(np.uint8)
 
 
-def distance(a, b, at, place):
+def distance(a, b, at, place, size=SIZE):
     """Squared distance of the patch of a at (row, column) and that of b at (column, row)."""
-    first = a[at[0] : at[0] + SIZE, at[1] : at[1] + SIZE].astype(int)
-    second = b[place[1] : place[1] + SIZE, place[0] : place[0] + SIZE].astype(int)
+    first = a[at[0] : at[0] + size, at[1] : at[1] + size].astype(int)
+    second = b[place[1] : place[1] + size, place[0] : place[0] + size].astype(int)
     return int(((first - second) ** 2).sum())
 
 
@@ -79,12 +79,13 @@ def test_vector_arithmetic_of_rows():
     assert _rows(a, 0, 40, b, 0, 35, 0, mask) == 0
 
 
-def test_distances_are_those_of_the_matches():
+@pytest.mark.parametrize("size", [1, 2, 3, 7, 10])
+def test_distances_are_those_of_the_matches(size):
     a, b = picture((70, 50), 0), picture((60, 90), 1)
-    found = match_patches(a, b)
-    assert found.place.shape == (64, 44, 2)
-    for y, x in ((0, 0), (63, 43), (20, 30), (31, 7)):
-        assert found.distance[y, x] == distance(a, b, (y, x), found.place[y, x])
+    found = match_patches(a, b, PatchMatchParams(patch_size=size))
+    assert found.place.shape == (71 - size, 51 - size, 2)
+    for y, x in ((0, 0), (70 - size, 50 - size), (20, 30), (31, 7)):
+        assert found.distance[y, x] == distance(a, b, (y, x), found.place[y, x], size)
 
 
 def test_error_is_not_above_that_of_plain_patch_match():
@@ -116,6 +117,25 @@ def test_same_for_any_number_of_threads():
     assert np.array_equal(results[0].place, results[1].place)
     other = match_patches(a, b, PatchMatchParams(seed=1))
     assert not np.array_equal(results[0].place, other.place)
+
+
+def test_a_vote_is_the_weighted_mean_of_what_the_matches_show():
+    rng = np.random.default_rng(8)
+    image = rng.integers(0, 256, (30, 40, 3)).astype(np.uint8)
+    matches = np.stack([rng.integers(0, 34, (9, 12)), rng.integers(0, 24, (9, 12))], axis=2).astype(np.int32)
+    weights = np.where(rng.random((9, 12)) < 0.3, 0, rng.random((9, 12))).astype(np.float32)
+    out = np.full((15, 18, 3), 7, np.uint8)
+    vote_flat(image, matches, weights, SIZE, out)
+    sums, totals = np.zeros((15, 18, 3)), np.zeros((15, 18, 1))
+    for i, j in np.ndindex(9, 12):
+        column, line = matches[i, j]
+        sums[i : i + SIZE, j : j + SIZE] += weights[i, j] * image[line : line + SIZE, column : column + SIZE].astype(
+            float
+        )
+        totals[i : i + SIZE, j : j + SIZE] += weights[i, j]
+    truth = np.where(totals > 0, sums / np.maximum(totals, 1e-9), 7)
+    # rounding to whole colours, and float32 sums of 49 numbers
+    assert np.abs(out - truth).max() <= 0.501
 
 
 def test_a_hole_in_stripes_is_filled_with_stripes():
