@@ -81,16 +81,20 @@ class HAIRLOOM_OT_four_view_look(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class HAIRLOOM_OT_four_view_reset_camera(bpy.types.Operator):
+class PhotoEdit:
+    """Mixin: an operator that changes the active photo, and needs it whole."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return scene.allowed(cls, scene.why_no_object_mode(context) or fourview.why_no_image(context))
+
+
+class HAIRLOOM_OT_four_view_reset_camera(PhotoEdit, bpy.types.Operator):
     """Put the camera of the active photo back to where its view is usually taken from"""
 
     bl_idname = "hairloom.four_view_reset_camera"
     bl_label = "Reset Camera"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return scene.allowed(cls, scene.why_no_object_mode(context) or fourview.why_no_image(context))
 
     @reports_errors
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -124,16 +128,12 @@ class HAIRLOOM_OT_four_view_swap(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class HAIRLOOM_OT_four_view_mirror(bpy.types.Operator):
+class HAIRLOOM_OT_four_view_mirror(PhotoEdit, bpy.types.Operator):
     """Mirror the active photo with its mask and marks, left to right: for a picture taken in a mirror"""
 
     bl_idname = "hairloom.four_view_mirror"
     bl_label = "Mirror Photo"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return scene.allowed(cls, scene.why_no_object_mode(context) or fourview.why_no_image(context))
 
     @reports_errors
     def execute(self, context: bpy.types.Context) -> set[str]:
