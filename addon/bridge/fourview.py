@@ -31,6 +31,7 @@ _LINES = 6000  # directions shown: more hide each other
 _LINE_LENGTH = 0.006  # metres
 _SILHOUETTE_PX = 500  # longer side of the picture in which a result's border is looked for
 _HEAD_UNITS = "m,z-up"
+_SCALP = "Scalp"  # the group of faces in the head's file
 
 
 # --- inputs of the jobs ------------------------------------------------------------------------------------------
@@ -399,9 +400,7 @@ def write_project(context: bpy.types.Context, path: Path) -> list[Path]:
         views.append(ProjectView(name, files["image"], files["mask"], camera.camera_of(photo), marks, scribbles))
     head = folder / f"{path.stem}_head.obj"
     _write_head(head, inputs.read_scalp(fourview.head_of(context)))
-    settings = {
-        name: group for name, group in scene.settings(context).four_view.to_params().items() if isinstance(group, dict)
-    }
+    settings = scene.settings(context).four_view.to_params()
     strokes = tuple(
         ProjectStroke(
             one.get("view", "free"),
@@ -410,15 +409,21 @@ def write_project(context: bpy.types.Context, path: Path) -> list[Path]:
         )
         for one in fourview_strokes.read(fourview.project(context).strokes)
     )
-    write_project_file(path, Project(folder, tuple(views), strokes, head.name, _HEAD_UNITS, settings=settings))
+    write_project_file(
+        path, Project(folder, tuple(views), strokes, head.name, _HEAD_UNITS, settings=settings, scalp=_SCALP)
+    )
     return [*written, head]
 
 
 def _write_head(path: Path, head: Head) -> None:
-    """The head as an .obj, metres, z up."""
+    """The head as an .obj, metres, z up; the faces of its scalp are a group."""
     lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in head.vertices.tolist()]
     lines += [f"vt {u:.7g} {v:.7g}" for u, v in head.corner_uv.reshape(-1, 2).tolist()]
+    # in the order of the triangles: a group's name wherever another one begins
+    first = np.diff(head.scalp.astype(np.int8), prepend=2) != 0
     for number, (a, b, c) in enumerate((head.triangles + 1).tolist()):
+        if first[number]:
+            lines.append(f"g {_SCALP if head.scalp[number] else 'Skin'}")
         uv = 3 * number + 1
         lines.append(f"f {a}/{uv} {b}/{uv + 1} {c}/{uv + 2}")
     with atomic_write(path) as stream:

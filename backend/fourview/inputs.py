@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..errors import InputError, require
 from ..fields.matting import find_face, first_guess, segment
 from ..geometry.head import default_head, read_head
+from ..geometry.scalp_guess import guess_scalp
 from ..io.images import read_image, read_mask
+from ..io.mesh import read_mesh_file
 from ..io.units import Units
 from ..progress import NO_PROGRESS, Progress
 from ..types import Bools, Camera, Head
@@ -58,11 +60,20 @@ def read_inputs(project: Project, head: Head | None = None, progress: Progress =
 
 
 def project_head(project: Project) -> Head:
-    """The head that the project names, or Hairloom's own; without a scalp of its own the upper skull is one."""
+    """The head that the project names, with the scalp that it names or a guessed one; or Hairloom's own.
+
+    Raises
+    ------
+    FileError : the file cannot be read, or has no such group. InputError : no scalp is named, and it is no head.
+    """
     if project.head is None:
         return default_head()
-    units = Units.parse(project.head_units) if project.head_units else None
-    return read_head(project.path(project.head), units)
+    path, units = project.path(project.head), Units.parse(project.head_units) if project.head_units else None
+    head = read_head(path, units)
+    if project.scalp is None:
+        return guess_scalp(head)
+    everywhere, group = read_mesh_file(path, units), read_mesh_file(path, units, project.scalp)
+    return replace(head, scalp=np.isin(everywhere.polygon_in_file, group.polygon_in_file))
 
 
 def find_mask(project: Project, view: ProjectView, image: UInt8) -> Bools:

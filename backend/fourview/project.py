@@ -3,6 +3,7 @@
     format = "hairloom-four-view"
     version = 1
     head = "head.obj"                       # without: Hairloom's own head
+    scalp = "Scalp"                         # the head's group of faces that hair grows on; without: guessed
     [[view]]
     name = "front"                          # front, back, left, right, top, or any other word with a camera
     image = "front.png"
@@ -20,6 +21,8 @@
     [[stroke]]
     view = "front"                          # or "top" without a photo: then with a camera of its own
     points = [[10.0, 20.0], [30.0, 40.0]]
+    [settings]
+    with_detail = true
     [settings.strands]
     n_strands = 30000
 
@@ -47,8 +50,9 @@ from .views import MAX_VIEWS
 
 FORMAT, VERSION = "hairloom-four-view", 1
 KINDS = ("hair", "background")
+SINGLE = ("n_tried", "with_detail")  # the settings of `pipeline.FourViewParams` that are no groups
 
-_TOP = {"format", "version", "head", "head_units", "grooms", "view", "stroke", "settings"}
+_TOP = {"format", "version", "head", "head_units", "scalp", "grooms", "view", "stroke", "settings"}
 _VIEW = {"name", "image", "mask", "camera", "landmarks", "scribble"}
 _CAMERA = {
     "orthographic", "intrinsics", "world_to_camera", "direction", "up", "centre", "pixels_per_metre", "position",
@@ -94,7 +98,11 @@ class ProjectStroke:
 
 @dataclass(frozen=True, slots=True)
 class Project:
-    """What PROJECT.toml says; `folder` is where it lies. grooms : folders of the user's own hairstyles."""
+    """What PROJECT.toml says; `folder` is where it lies.
+
+    grooms : folders of the user's own hairstyles. scalp : the group of the head's faces that hair grows on.
+    settings : as `registry.build_params` takes them for `pipeline.FourViewParams`.
+    """
 
     folder: Path
     views: tuple[ProjectView, ...]
@@ -103,6 +111,7 @@ class Project:
     head_units: str | None = None
     grooms: tuple[str, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
+    scalp: str | None = None
 
     def __post_init__(self) -> None:
         require(1 <= len(self.views) <= MAX_VIEWS, f"a project has {len(self.views)} views; give 1 to {MAX_VIEWS}")
@@ -156,7 +165,9 @@ def write_project(path: Path, project: Project) -> None:
     FileError : the file cannot be written. InputError : a file outside of the project's folder.
     """
     lines = [f'format = "{FORMAT}"', f"version = {VERSION}"]
-    whole = {"head": project.head, "head_units": project.head_units, "grooms": list(project.grooms)}
+    whole = {
+        "head": project.head, "head_units": project.head_units, "scalp": project.scalp, "grooms": list(project.grooms)
+    }  # fmt: skip
     lines += [f"{name} = {_text(value)}" for name, value in whole.items() if value]
     for view in project.views:
         lines += ["", "[[view]]", *_view_lines(project, view)]
@@ -164,8 +175,11 @@ def write_project(path: Path, project: Project) -> None:
         lines += ["", "[[stroke]]", f"view = {_text(stroke.view)}", f"points = {_text(stroke.points.tolist())}"]
         if stroke.camera is not None:
             lines += ["[stroke.camera]", *_camera_lines(stroke.camera)]
+    single = {name: value for name, value in project.settings.items() if not isinstance(value, Mapping)}
+    lines += ["", "[settings]", *_table_lines(single)] if single else []
     for group, values in project.settings.items():
-        lines += ["", f"[settings.{group}]", *_table_lines(values)]
+        if group not in single:
+            lines += ["", f"[settings.{group}]", *_table_lines(values)]
     with atomic_write(path) as stream:
         stream.write(("\n".join(lines) + "\n").encode("utf-8"))
 
@@ -187,8 +201,11 @@ def _project(path: Path, table: Table) -> Project:
     require(table.get("version") == VERSION, f"{path} has version {table.get('version')}; {VERSION} is known")
     require(isinstance(table.get("view"), list), f"{path} has no [[view]]; give 1 to {MAX_VIEWS}")
     settings = table.get("settings", {})
-    groups = isinstance(settings, dict) and all(isinstance(group, dict) for group in settings.values())
-    require(groups, f"{path}: [settings] must hold groups such as [settings.strands]")
+    fits = isinstance(settings, dict) and all(isinstance(v, dict) or name in SINGLE for name, v in settings.items())
+    require(fits, f"{path}: [settings] must hold {', '.join(SINGLE)} or groups such as [settings.strands]")
+    scalp = table.get("scalp")
+    is_group = scalp is None or (isinstance(scalp, str) and scalp and "head" in table)
+    require(is_group, f"{path}: scalp is {scalp!r}; it must be the name of a group of faces in the file of head")
     project = Project(
         folder=path.parent,
         views=tuple(_view(view, number) for number, view in enumerate(table["view"], 1)),
@@ -197,6 +214,7 @@ def _project(path: Path, table: Table) -> Project:
         head_units=table.get("head_units"),
         grooms=tuple(table.get("grooms", ())),
         settings=settings,
+        scalp=scalp,
     )
     for name in [project.head, *project.grooms, *[f for v in project.views for f in (v.image, v.mask)]]:
         if name is not None:

@@ -447,7 +447,8 @@ def test_the_project_file_says_what_the_wizard_knows(tmp_path, monkeypatch):
     bpy.ops.hairloom.four_view_scribble(kind="hair", points="[[30, 30], [50, 30]]")
     small.project().photos[0].landmarks = json.dumps({"nose": [44.0, 60.0]})
     stroke([(45, 30), (45, 45)])
-    bpy.context.scene.hairloom.four_view.strands.n_strands = 1234
+    settings = bpy.context.scene.hairloom.four_view
+    settings.strands.n_strands, settings.n_tried, settings.with_detail = 1234, 3, False
     path = tmp_path / "out" / "hair.toml"
     path.parent.mkdir()
     bpy.ops.hairloom.four_view_write_project(filepath=str(path))
@@ -466,8 +467,12 @@ def test_the_project_file_says_what_the_wizard_knows(tmp_path, monkeypatch):
     assert project.settings["strands"]["n_strands"] == 1234
     head = scenes.module("bridge.mesh").read_head(bpy.context.scene.hairloom.head)
     assert np.allclose(found.head.vertices[found.head.triangles], head.vertices[head.triangles], atol=1e-6)
+    scalp = scenes.module("bridge.inputs").read_scalp(bpy.context.scene.hairloom.head).scalp
+    assert 0 < scalp.sum() < len(scalp)
+    assert np.array_equal(found.head.scalp, scalp)
     params = scenes.module("backend.fourview.pipeline").FourViewParams
-    assert scenes.module("backend.registry").build_params(params, project.settings).strands.n_strands == 1234
+    built = scenes.module("backend.registry").build_params(params, project.settings)
+    assert (built.strands.n_strands, built.n_tried, built.with_detail) == (1234, 3, False)
 
 
 def test_steps_go_on_and_back():

@@ -1,11 +1,14 @@
 """A project's files to views: masks from files, scribbles or guesses, cameras given or placed, bad input named."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hairloom.errors import FileError, InputError
 from hairloom.fourview.inputs import read_inputs
 from hairloom.fourview.project import Project, ProjectStroke, ProjectView, Scribble
 from hairloom.geometry.camera import orthographic_camera
+from hairloom.geometry.head import default_head
 from hairloom.io.images import write_image
 
 SIZE = (120, 160)
@@ -103,3 +106,37 @@ def test_a_camera_of_another_size(folder):
     other = orthographic_camera((0.0, 1.0, 0.0), (0.0, 0.0, 0.2), 400.0, (50, 50))
     with pytest.raises(InputError, match="50"):
         read_inputs(project(folder, mask="mask.png", camera=other))
+
+
+def write_head(path, scalp=None):
+    """Hairloom's own head, its faces in two groups."""
+    head = default_head()
+    lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in head.vertices.tolist()]
+    for corners, here in zip((head.triangles + 1).tolist(), [] if scalp is None else scalp.tolist(), strict=False):
+        lines += [f"g {'Hair' if here else 'Bare'}", "f " + " ".join(map(str, corners))]
+    if scalp is None:
+        lines += ["f " + " ".join(map(str, corners)) for corners in (head.triangles + 1).tolist()]
+    path.write_text("\n".join(lines) + "\n")
+    return head
+
+
+def test_the_scalp_of_the_projects_head(folder):
+    # half of our own, so that it is not what would be guessed
+    scalp = default_head().scalp & (np.arange(len(default_head().scalp)) % 2 == 0)
+    write_head(folder / "head.obj", scalp)
+    view = ProjectView("front", "front.png", "mask.png", CAMERA)
+    named = Project(folder, (view,), head="head.obj", head_units="m,z-up", scalp="Hair")
+    found = read_inputs(named).head
+    assert np.array_equal(found.scalp, scalp)
+    assert np.allclose(found.vertices, default_head().vertices, atol=1e-6)
+    with pytest.raises(FileError, match="Beard"):
+        read_inputs(replace(named, scalp="Beard"))
+
+
+def test_a_head_without_scalp_gets_one_before_cameras_are_placed(folder):
+    head = write_head(folder / "head.obj")
+    found = read_inputs(
+        Project(folder, (ProjectView("front", "front.png", "mask.png"),), head="head.obj", head_units="m,z-up")
+    )
+    assert (found.head.scalp == head.scalp).mean() > 0.9
+    assert any("placed automatically" in remark for remark in found.remarks)

@@ -1,9 +1,13 @@
 """PROJECT.toml: what is written is read again; hostile paths, wrong names and values are one line."""
 
+from dataclasses import fields, is_dataclass
+
 import numpy as np
 import pytest
 from hairloom.errors import FileError, InputError
+from hairloom.fourview.pipeline import FourViewParams
 from hairloom.fourview.project import (
+    SINGLE,
     Project,
     ProjectStroke,
     ProjectView,
@@ -14,6 +18,7 @@ from hairloom.fourview.project import (
     write_project,
 )
 from hairloom.geometry.camera import orthographic_camera, perspective_camera, project
+from hairloom.registry import build_params
 
 HEADER = 'format = "hairloom-four-view"\nversion = 1\n'
 VIEW = '[[view]]\nname = "front"\nimage = "front.png"\n'
@@ -37,7 +42,13 @@ def whole(folder) -> Project:
         head="head.obj",
         head_units="cm,y-up",
         grooms=("own",),
-        settings={"strands": {"n_strands": 1234}, "shape": {"deformation": {"rounds": 2}, "blur": 2.5}},
+        settings={
+            "strands": {"n_strands": 1234},
+            "with_detail": False,
+            "n_tried": 3,
+            "shape": {"deformation": {"rounds": 2}, "blur": 2.5},
+        },
+        scalp="Hair here",
     )
 
 
@@ -46,7 +57,7 @@ def test_what_is_written_is_read(tmp_path):
     write_project(tmp_path / "P.toml", before)
     after = read_project(tmp_path / "P.toml")
     assert after.folder == tmp_path and after.head == "head.obj" and after.head_units == "cm,y-up"
-    assert after.grooms == ("own",) and after.settings == before.settings
+    assert after.grooms == ("own",) and after.settings == before.settings and after.scalp == "Hair here"
     for one, two in zip(before.views, after.views):
         assert (one.name, one.image, one.mask, one.landmarks) == (two.name, two.image, two.mask, two.landmarks)
         assert np.array_equal(one.camera.intrinsics, two.camera.intrinsics)
@@ -120,6 +131,8 @@ def test_a_link_out_of_the_folder_is_refused(tmp_path):
         (HEADER + "view = 3\n", r"\[\[view\]\]"),
         (HEADER + "[[view]]\nname = 3\nimage = 'a.png'\n", "name"),
         (HEADER + VIEW + "[settings]\nstrands = 4\n", "settings"),
+        (HEADER + 'scalp = "Scalp"\n' + VIEW, "scalp"),
+        (HEADER + 'head = "head.obj"\nscalp = 3\n' + VIEW, "scalp"),
         (HEADER + "view = [3]\n", "table"),
     ],
 )
@@ -139,3 +152,11 @@ def test_scribbles_are_painted_by_kind_and_width():
     hair = paint_scribbles(scribbles, "hair", (20, 20))
     assert hair[10, 3:17].all() and not hair[12:].any() and hair[3:5, 3:5].any()
     assert paint_scribbles(scribbles, "background", (20, 20)).sum() > 5 * hair.sum() / 2
+
+
+def test_single_settings_are_those_of_the_pipeline():
+    default = FourViewParams()
+    assert set(SINGLE) == {f.name for f in fields(default) if not is_dataclass(getattr(default, f.name))}
+    assert build_params(FourViewParams, {"n_tried": 4, "with_detail": False}).n_tried == 4
+    with pytest.raises(InputError, match="with_detail"):
+        build_params(FourViewParams, {"with_detail": 1})
