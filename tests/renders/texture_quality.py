@@ -271,11 +271,12 @@ def sharpness_table(results: Mapping[str, Numbers]) -> list[str]:
     """The mixed sources."""
     names = ("gradient energy", "confidence", "degrees to a photo")
     lines = ["| | " + " | ".join(f"{name}: synthesis / plain" for name in names) + " |", "|---" * 4 + "|"]
-    for groom, numbers in results.items():
-        if "mixed" in numbers:
-            cells = [" / ".join(f"{numbers['mixed'][way][name]:.2f}" for way in WAYS) for name in names]
-            lines.append(f"| {groom}, front of {MIXED[groom]} | " + " | ".join(cells) + " |")
-    return lines
+    rows = {f"{g}, front of {MIXED[g]}": numbers["mixed"] for g, numbers in results.items() if "mixed" in numbers}
+    for groom, numbers in rows.items():
+        cells = [" / ".join(f"{numbers[way][name]:.2f}" for way in WAYS) for name in names]
+        lines.append(f"| {groom} | " + " | ".join(cells) + " |")
+    means = [[np.mean([numbers[way][name] for numbers in rows.values()]) for way in WAYS] for name in names]
+    return [*lines, "| **mean** | " + " | ".join(" / ".join(f"{mean:.2f}" for mean in pair) for pair in means) + " |"]
 
 
 def page(results: Mapping[str, Numbers]) -> str:
@@ -283,16 +284,19 @@ def page(results: Mapping[str, Numbers]) -> str:
     parts = [
         "# Texture synthesis against plain projection and blending",
         "Made by `python tests/renders/texture_quality.py`. Median degrees to the rendered hair; in brackets the share "
-        "of the texels that count.",
+        "of the texels that count. A random direction has 45.",
         "## Photos and cameras as they are",
         "\n".join(truth_table(results, "photos")),
         f"## Cameras off by {NOISE:g} degrees",
         "\n".join(truth_table(results, "noise")),
-        "## Front of another groom",
-        "In the overlap: gradient energy and the filter's confidence against those of texels that one view sees, and "
-        "median degrees to the nearest of the photos that see the texel.",
-        "\n".join(sharpness_table(results)),
     ]
+    if any("mixed" in numbers for numbers in results.values()):
+        parts += [
+            "## Front of another groom",
+            "In the overlap: gradient energy and the filter's confidence against those of texels that one view sees, "
+            "and median degrees to the nearest of the photos that see the texel.",
+            "\n".join(sharpness_table(results)),
+        ]
     return "\n\n".join(parts) + "\n"
 
 
