@@ -131,10 +131,11 @@ class HAIRLOOM_PT_four_view_segment(StepPanel, bpy.types.Panel):
         if photo.mask is not None and photo.mask_by_hand:
             hint(layout, "This mask was edited by hand: Segment replaces it")
         job_button(layout, context, "MOD_MASK", HAIRLOOM_OT_four_view_segment)
-        row = layout.row(align=True)
-        row.enabled = photo.mask is not None
-        row.operator("wm.tool_set_by_id", text="Drag Border", icon="MOD_SIMPLEDEFORM").name = fourview_tools.BORDER_TOOL
-        row.prop(found, "border_size")
+        column = layout.column(align=True)
+        column.enabled = photo.mask is not None
+        button = column.operator("wm.tool_set_by_id", text="Drag Border", icon="MOD_SIMPLEDEFORM")
+        button.name = fourview_tools.BORDER_TOOL
+        settings_column(column).prop(found, "border_size")
         layout.operator("hairloom.four_view_load_mask", icon="FILE_FOLDER")
         column = settings_column(layout)
         column.prop(photo, "mask")
