@@ -196,7 +196,8 @@ def moved_outline(
     """The borders of a mask when one of them is grabbed and pulled (Z-1, the editable boundary).
 
     The border's point nearest to `start` goes all the way, points around it less, (1 - (d / radius)^2)^2 of it, those
-    at `radius` and beyond stay. The steps of pixels are smoothed where the border moves, or they would be stretched.
+    at `radius` and beyond stay. So does what else lies within the radius but is not joined to that point within it, as
+    the other side of a lock. The steps of pixels are smoothed where the border moves, or they would be stretched.
 
     Parameters
     ----------
@@ -210,21 +211,24 @@ def moved_outline(
     require(radius > 0, f"the radius is {radius} pixels; it must be above 0")
     place, away = np.asarray(start, np.float64), np.asarray(offset, np.float64)
     fine = [_dense_polygon(np.asarray(polygon, np.float64)) for polygon in polygons]
-    nearest = min((_nearest_corner(polygon, place) for polygon in fine), default=(np.inf, 0.0, 0.0))
+    far = [np.linalg.norm(dense - place, axis=1) for dense in fine]
+    chosen = int(np.argmin([distance.min() for distance in far])) if far else -1
     require(
-        nearest[0] <= radius,
+        far and far[chosen].min() <= radius,
         f"no border of the mask is within {radius:.0f} pixels of ({place[0]:.0f}, {place[1]:.0f}); press nearer to it",
     )
+    nearest = int(np.argmin(far[chosen]))
+    # the grabbed point first, so that what is joined to it is at the list's beginning and end
+    dense = np.roll(fine[chosen], -nearest, axis=0)
+    near = np.linalg.norm(dense - dense[0], axis=1) / radius
+    beyond = np.flatnonzero(near >= 1.0)
+    if len(beyond):
+        near[beyond[0] : beyond[-1]] = 1.0
+    weight = np.square(np.maximum(1.0 - near * near, 0.0))[:, None]
+    even = gaussian_filter1d(dense, _SMOOTHED_PX, axis=0, mode="wrap")
     smooth = min(1.0, float(np.hypot(*away)) / _SMOOTHED_PX)
-    moved = []
-    for polygon, dense in zip(polygons, fine):
-        near = np.linalg.norm(dense - nearest[1:], axis=1) / radius
-        weight = np.square(np.maximum(1.0 - near * near, 0.0))[:, None]
-        if not weight.any():
-            moved.append(np.asarray(polygon, np.float64))
-            continue
-        even = gaussian_filter1d(dense, _SMOOTHED_PX, axis=0, mode="wrap")
-        moved.append(dense + weight * (smooth * (even - dense) + away))
+    moved = [np.asarray(polygon, np.float64) for polygon in polygons]
+    moved[chosen] = dense + weight * (smooth * (even - dense) + away)
     return moved
 
 
@@ -235,13 +239,6 @@ def _dense_polygon(polygon: Float64) -> Float64:
     edge = np.repeat(np.arange(len(polygon)), count)
     number = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
     return np.asarray(polygon[edge] + along[edge] * (number / count[edge])[:, None])
-
-
-def _nearest_corner(polygon: Float64, place: Float64) -> tuple[float, float, float]:
-    """How far the nearest corner is, and where."""
-    far = np.linalg.norm(polygon - place, axis=1)
-    x, y = polygon[np.argmin(far)].tolist()
-    return float(far.min()), x, y
 
 
 def _labels(image: UInt8, foreground: Bools, background: Bools, start: Bools, scribbles_only: bool) -> UInt8:

@@ -174,6 +174,17 @@ def test_a_border_pulled_over_itself_leaves_no_hole():
         assert not (moved & (X < 39)).any()
 
 
+def test_one_side_of_a_lock_is_pulled_alone():
+    lock = (np.abs(X + 0.5 - 80) < 8) & (Y > 10)
+    polygons = outline(lock, 0.0)
+    wider = mask_from_outline(moved_outline(polygons, (88.0, 80.0), (20.0, 0.0), 25.0), (SIZE, SIZE))
+    assert not (lock & ~wider).any() and wider[80, 106] and np.array_equal(wider[:, :80], lock[:, :80])
+    thinner = mask_from_outline(moved_outline(polygons, (88.0, 80.0), (-10.0, 0.0), 25.0), (SIZE, SIZE))
+    assert np.flatnonzero(thinner[80]).tolist() == list(range(72, 78))
+    cut = mask_from_outline(moved_outline(polygons, (88.0, 80.0), (-40.0, 0.0), 25.0), (SIZE, SIZE))
+    assert not cut[80].any() and not (cut & ~lock).any()
+
+
 def test_what_is_not_grabbed_stays_as_it_is():
     mask = disc() | disc(20.0, 20.0, 9.0)
     polygons = outline(mask, 0.0)
