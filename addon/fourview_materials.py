@@ -6,12 +6,12 @@ import bpy
 
 HAIR = "Hairloom Photo Hair"
 TEXTURE = "Hairloom Photo Texture"
-COLOR = "color"  # the strands' attribute, linear RGBA
+COLOR = "groom_color"  # the strands' attribute, linear RGBA; Cycles shows one that is named "color" black
 IMAGE_NODE = "Hair Texture"
 
 
 def hair_material() -> bpy.types.Material:
-    """Strands in the colours of their attribute `color`, for Cycles and EEVEE; made on first use."""
+    """Strands in the colours of their attribute `groom_color`, for Cycles and EEVEE; made on first use."""
     material = bpy.data.materials.get(HAIR)
     if material is not None:
         return material

@@ -72,7 +72,7 @@ def with_scalp(head: Head) -> Head:
 
 def with_point_colours(strands: StrandSet) -> StrandSet:
     """The strands with their colours at the points too, where file formats keep them."""
-    colours = np.repeat(strands.strand_attributes["color"][:, :3], strands.point_counts, axis=0)
+    colours = np.repeat(strands.strand_attributes["groom_color"][:, :3], strands.point_counts, axis=0)
     points = {**strands.point_attributes, "color": colours}
     return StrandSet(strands.points, strands.offsets, points, strands.strand_attributes)
 

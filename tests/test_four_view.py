@@ -80,7 +80,7 @@ def test_no_hairstyle_of_the_grooms_own_family_was_used(modelled, database):
 
 def test_strands_have_the_photos_colours(modelled):
     result, views, _, _ = modelled
-    found = result.strands.strand_attributes["color"]
+    found = result.strands.strand_attributes["groom_color"]
     assert found.shape == (result.strands.n_strands, 4) and (found[:, 3] == 1).all()
     photo = linear_rgba(np.concatenate([view.image[view.mask] for view in views]).astype(np.float32) / 255)
     assert np.abs(np.median(found[:, :3], axis=0) - np.median(photo[:, :3], axis=0)).max() < 0.06

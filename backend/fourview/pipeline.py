@@ -54,7 +54,7 @@ class FourViewParams:
 
 @dataclass(frozen=True, slots=True)
 class FourViewResult:
-    """Everything that the stages made. strands : with the strand attribute `color` (S, 4) float32, linear RGBA."""
+    """Everything that the stages made. strands : with the strand attribute `groom_color` (S, 4) float32, linear RGBA."""
 
     shape: RoughShape
     surface: HairSurface
@@ -160,7 +160,7 @@ def hair_strands(
     progress(0.9, "Taking colours from the photos")
     colours = linear_rgba(strand_colours(strands, views, head))
     return StrandSet(
-        strands.points, strands.offsets, strands.point_attributes, {**strands.strand_attributes, "color": colours}
+        strands.points, strands.offsets, strands.point_attributes, {**strands.strand_attributes, "groom_color": colours}
     )
 
 

@@ -78,7 +78,7 @@ def strands_outputs(inputs):
     points = scenes.wavy_strands(50)
     offsets = np.arange(51, dtype=np.int32) * points.shape[1]
     color = np.tile(np.float32([0.5, 0.2, 0.1, 1.0]), (50, 1))
-    strands = types.StrandSet(points.reshape(-1, 3), offsets, {}, {"color": color})
+    strands = types.StrandSet(points.reshape(-1, 3), offsets, {}, {"groom_color": color})
     quality = scenes.module("backend.fourview.quality")
     report = quality.quality_report(strands, inputs["views"], inputs["head"])
     assert report["penetration"]["point_share"] == 0
@@ -159,7 +159,7 @@ def test_each_step_shows_its_result(tmp_path, monkeypatch):
     assert len(hair.data.curves) == 50
     assert hair.parent == hair.data.surface == bpy.context.scene.hairloom.head
     assert "surface_uv_coordinate" in hair.data.attributes
-    assert np.allclose(scenes.values(hair, "color", np.float32, 4, "color")[0], [0.5, 0.2, 0.1, 1])
+    assert np.allclose(scenes.values(hair, "groom_color", np.float32, 4, "color")[0], [0.5, 0.2, 0.1, 1])
     assert hair.data.materials[0].name == "Hairloom Photo Hair"
     assert "Front: mask 95%, directions 12° off" in project.strands.report
     assert states() == ["DONE"] * 4

@@ -26,8 +26,9 @@ from hairloom.fourview.pipeline import FourViewParams, FourViewResult, model_hai
 from hairloom.fourview.quality import mask_iou, orientation_error
 from hairloom.fourview.views import View
 from hairloom.geometry.scalp_guess import guess_scalp
-from hairloom.geometry.strand_raster import hair_mask, raster_strands
+from hairloom.geometry.strand_raster import StrandRaster, hair_mask, raster_strands
 from hairloom.geometry.strand_scores import strand_scores
+from hairloom.geometry.view_raster import raster_mesh
 from hairloom.io.bundle import read_bundle
 from hairloom.io.images import read_image, read_mask, write_image
 from hairloom.io.strands import write_strands
@@ -95,20 +96,37 @@ def judge(strands: StrandSet, truth: StrandSet, views: Sequence[View], truth_hea
 
 def picture(strands: StrandSet, views: Sequence[View], head: Head) -> np.ndarray:
     """The photos above, the strands below: in their own colours, varied a little, and by their angle in the picture."""
-    rows = []
+    columns = []
+    rows, sides = frame(views)
     for view in views:
         drawn = raster_strands(view.camera, strands, head)
         canvas = np.full((*view.mask.shape, 3), 235, np.uint8)
+        skull = np.isfinite(raster_mesh(view.camera, head.vertices, head.triangles).depth)
+        canvas[skull] = (214, 196, 186)
         hair = drawn.strand >= 0
-        colours = np.asarray(strands.strand_attributes.get("color", np.full((strands.n_strands, 4), 0.3)))[:, :3]
+        colours = np.asarray(strands.strand_attributes.get("groom_color", np.full((strands.n_strands, 4), 0.3)))[:, :3]
         shown = np.clip(colours, 0, 1) ** (1 / 2.2)
         rng = np.random.default_rng(0)
         vary = rng.uniform(0.75, 1.2, strands.n_strands)[:, None]
         canvas[hair] = (np.clip(shown * vary, 0, 1) * 255).astype(np.uint8)[drawn.strand[hair]]
-        hue = np.zeros((*view.mask.shape, 3), np.uint8)
-        hue[hair] = np.stack([drawn.angle[hair] / np.pi * 179, np.full(hair.sum(), 255), np.full(hair.sum(), 255)], 1)
-        rows.append(np.vstack([view.image, canvas, cv2.cvtColor(hue, cv2.COLOR_HSV2RGB)]))
-    return np.hstack(rows)
+        columns.append(np.vstack([part[rows, sides] for part in (view.image, canvas, angles(drawn))]))
+    return np.hstack(columns)
+
+
+def angles(drawn: StrandRaster) -> np.ndarray:
+    """(H, W, 3) uint8: the hue says how strands run in the picture."""
+    hair = drawn.strand >= 0
+    hue = np.zeros((*hair.shape, 3), np.uint8)
+    hue[hair] = np.stack([drawn.angle[hair] / np.pi * 179, np.full(hair.sum(), 255), np.full(hair.sum(), 255)], 1)
+    return np.asarray(cv2.cvtColor(hue, cv2.COLOR_HSV2RGB))
+
+
+def frame(views: Sequence[View], margin: int = 40) -> tuple[slice, slice]:
+    """Rows and columns of the pictures that have hair in any view, and a margin."""
+    together = np.any([view.mask for view in views], axis=0)
+    places = [np.flatnonzero(together.any(axis=axis)) for axis in (1, 0)]
+    rows, columns = (slice(max(int(p[0]) - margin, 0), int(p[-1]) + margin) for p in places)
+    return rows, columns
 
 
 def evaluate(
@@ -126,8 +144,7 @@ def evaluate(
     out.mkdir(parents=True, exist_ok=True)
     write_strands(out / "result.npz", result.strands)
     write_image(out / "texture.png", result.texture.image())
-    write_image(out / "compare.png", cv2.resize(picture(result.strands, every, head), None, fx=0.5, fy=0.5,
-                                                interpolation=cv2.INTER_AREA))  # fmt: skip
+    write_image(out / "compare.png", picture(result.strands, every, head))
     (out / "numbers.json").write_text(json.dumps(numbers, indent=1))
     return numbers
 

@@ -28,6 +28,10 @@ LIGHTS = (((-0.5, 0.7, 1.6), 0.4, 65.0), ((0.7, 0.1, 1.6), 0.4, 32.0))
 EUMELANIN, PHEOMELANIN = np.array([0.506, 0.841, 1.653]), np.array([0.343, 0.733, 1.924])
 PATH = 1.8  # how strongly absorption colours the matt part
 MASK_SAMPLES = 4
+COLOUR = "groom_color"  # strand attribute of modelled hair, linear RGBA
+# Colours taken from photos have the photos' light and shade in them: so much brighter, hair that is lit again is alike.
+OWN_COLOUR = 2.5
+SHINE = (0.4, 0.37, 0.33)
 
 
 def make_scene(groom: Groom, samples: int, melanin: float, redness: float, principled: bool) -> Any:
@@ -54,6 +58,8 @@ def make_scene(groom: Groom, samples: int, melanin: float, redness: float, princ
     scene.cycles_curves.shape = "RIBBONS"
     _add_head(scene, groom)
     material = hair_material("hair", melanin, redness) if principled else _direct_material(melanin, redness)
+    if COLOUR in groom.strands.strand_attributes:
+        _colour_by_attribute(material)
     _add_hair(scene, groom, material)
     _add_lights(scene)
     return scene
@@ -123,6 +129,9 @@ def _add_hair(scene: Any, groom: Groom, material: Any) -> None:
     curves.position_data.foreach_set("vector", np.ascontiguousarray(strands.points).ravel())
     radius = curves.attributes.new("radius", "FLOAT", "POINT")
     radius.data.foreach_set("value", np.ascontiguousarray(strands.point_attributes["radius"]))
+    if COLOUR in strands.strand_attributes:
+        colours = np.ascontiguousarray(strands.strand_attributes[COLOUR], np.float32)
+        curves.attributes.new(COLOUR, "FLOAT_COLOR", "CURVE").data.foreach_set("color", colours.ravel())
     curves.materials.append(material)
     curves.update_tag()
     scene.collection.objects.link(bpy.data.objects.new("hair", curves))
@@ -152,6 +161,24 @@ def _direct_material(melanin: float, redness: float) -> Any:
     links.new(glossy.outputs[0], mix.inputs[2])
     links.new(mix.outputs[0], output.inputs["Surface"])
     return material
+
+
+def _colour_by_attribute(material: Any) -> None:
+    """Let `_direct_material` take the strands' own colours, varied as there."""
+    nodes, links = _nodes(material), material.node_tree.links
+    ramp = next(node for node in nodes if node.bl_idname == "ShaderNodeValToRGB")
+    for element, brightness in zip(ramp.color_ramp.elements, (0.5, 1.5)):
+        element.color = (brightness * OWN_COLOUR,) * 3 + (1.0,)
+    own, product = nodes.new("ShaderNodeAttribute"), nodes.new("ShaderNodeVectorMath")
+    own.attribute_name = COLOUR
+    product.operation = "MULTIPLY"
+    links.new(own.outputs["Color"], product.inputs[0])
+    links.new(ramp.outputs["Color"], product.inputs[1])
+    for node in nodes:
+        if node.bl_idname == "ShaderNodeBsdfDiffuse":
+            links.new(product.outputs["Vector"], node.inputs["Color"])
+        if node.bl_idname == "ShaderNodeBsdfHair":
+            node.inputs["Color"].default_value = (*SHINE, 1.0)
 
 
 def _add_lights(scene: Any) -> None:
