@@ -42,8 +42,8 @@ from hairloom.fourview.views import View  # noqa: E402
 from hairloom.geometry.camera import project  # noqa: E402
 from hairloom.geometry.head import default_head  # noqa: E402
 from hairloom.geometry.scalp_space import fit_scalp_space  # noqa: E402
-from hairloom.io.bundle import read_bundle  # noqa: E402
 from hairloom.geometry.strand_raster import raster_strands  # noqa: E402
+from hairloom.io.bundle import read_bundle  # noqa: E402
 from hairloom.io.images import read_image, write_image  # noqa: E402
 from hairloom.io.strands import read_strands  # noqa: E402
 from hairloom.types import Head  # noqa: E402
@@ -108,7 +108,7 @@ def row(name: str, numbers: Mapping[str, Any]) -> str:
     return f"| {name} | " + " | ".join(cells) + " |"
 
 
-def table(rows: Mapping[str, Numbers], means: Mapping[str, Sequence[str]] = {}) -> list[str]:  # noqa: B006
+def table(rows: Mapping[str, Numbers], means: Mapping[str, Sequence[str]] = {}) -> list[str]:
     """A table with one line for each of `rows`, and one for each mean over some of them."""
     head = [f"IoU {view}" for view in VIEWS] + [f"deg {view}" for view in VIEWS] + ["F 2 mm", "F 3 mm", "F 4 mm"]
     lines = ["| | " + " | ".join(head) + " |", "|---" * (len(head) + 1) + "|"]
@@ -239,11 +239,11 @@ class Experiments:
 
 
 FAILURES = (
-    "The others are the failure cases, as in the paper (Z-E11): the hair of curly and puffy turns several times within "
-    "a centimetre and lies crosswise, so that what a filter sees in a picture says little of the strands (in the photos "
-    "themselves it is 30 degrees and more off); tangled and spiky hair runs out of the surface, on whose tangent planes "
-    "the method keeps all directions. Their masks are still filled. A tail that the nearest hairstyle of the database "
-    "lacks (ponytail) is grown from the masks alone."
+    "The others are the failure cases, as in the paper (Z-E11): the hair of curly and puffy turns several times "
+    "within a centimetre and lies crosswise, so that what a filter sees in a picture says little of the strands "
+    "(in the photos themselves it is 30 degrees and more off); tangled and spiky hair runs out of the surface, on "
+    "whose tangent planes all directions are kept. Their masks are still filled. A tail that the nearest "
+    "hairstyle of the database lacks (ponytail) is grown from the masks alone."
 )
 INTRODUCTION = """# Four photos to strands: what comes out
 
