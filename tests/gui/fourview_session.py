@@ -175,6 +175,44 @@ def a_mask_from_scribbles(user: driver.User, folder: Path) -> driver.Steps:
             bpy.ops.hairloom.four_view_load_mask("EXEC_DEFAULT", True, filepath=str(folder / f"{view}_mask.png"))
 
 
+def the_masks_border_is_dragged(user: driver.User) -> driver.Steps:
+    yield from choose(user, 0)
+    yield from user.press('bpy.ops.wm.tool_set_by_id(name="hairloom.four_view_border_tool"')
+    project().border_size = 70
+    before, stamp = front_mask(), project().photos[0].mask_stamp
+    rows = np.flatnonzero(before.any(axis=1))
+    y = int(rows[len(rows) // 3])
+    x = float(np.flatnonzero(before[y])[-1] + 1)
+    way = pixels_on_screen(user, project().photos[0], [(x + 2 + 3 * i, y + 0.5) for i in range(12)])
+    yield from user.drag(way, release=False)
+    yield from user.picture("fourview_border")
+    yield from user.key("ESC")
+    user.event("LEFTMOUSE", "RELEASE")
+    yield 0.5
+    assert project().photos[0].mask_stamp == stamp, "Esc leaves the mask as it was"
+    yield from user.drag(way)
+    after = front_mask()
+    reached = int(np.flatnonzero(after[y])[-1] + 1)
+    print(f"border: from {x:.0f} to {reached} pixels, {(after ^ before).sum()} pixels changed", flush=True)
+    assert abs(reached - x - 33) <= 3, (x, reached)
+    assert not (before & ~after).any() and project().photos[0].mask_stamp != stamp
+    assert project().photos[0].mask_by_hand
+    yield from user.picture("fourview_border_after")
+    yield from user.into_view()
+    yield from user.key("Z", ctrl=True)
+    assert np.array_equal(front_mask(), before), "Ctrl-Z brings the mask back"
+    # a press where no border is near grabs nothing
+    far = pixels_on_screen(user, project().photos[0], [(3.0, 3.0), (30.0, 30.0)])
+    yield from user.drag(far)
+    assert np.array_equal(front_mask(), before)
+    with user.override():
+        bpy.ops.wm.tool_set_by_id(name="builtin.select_box")
+
+
+def front_mask() -> np.ndarray:
+    return scenes.module("bridge.image").read_mask(project().photos[0].mask)
+
+
 def cameras_are_placed_and_corrected_by_hand(user: driver.User) -> driver.Steps:
     group = scenes.module("gizmos.view_plane").HAIRLOOM_GGT_view_plane
     original = group.setup
@@ -335,6 +373,7 @@ def test(user: driver.User) -> driver.Steps:
     yield from set_the_scene(user, folder)
     for part, arguments in (
         (photos_are_added, (folder,)), (a_mask_from_scribbles, (folder,)),
+        (the_masks_border_is_dragged, ()),
         (cameras_are_placed_and_corrected_by_hand, ()), (the_stages_one_after_another, ()),
         (saved_and_opened_again_it_goes_on, (folder,)),
     ):  # fmt: skip

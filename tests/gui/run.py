@@ -35,6 +35,7 @@ PICTURES = {
     "sintel_after": "comb_sintel_after",
     "simulation_helices": "simulation_helices",
     "simulation_scrubbed": "simulation",
+    "fourview_border": "wizard_border",
     "fourview_planes": "wizard_cameras",
     "fourview_texture": "wizard_texture",
 }
