@@ -165,6 +165,14 @@ class Experiments:
             parts.append(np.vstack([image[rows, columns] for image in (view.image, rendered, by_angle)]))
         return np.hstack(parts)
 
+    def texture(self) -> list[str]:
+        """Z-E4: the texture against plain projection and blending."""
+        path = self.out / "texture_quality.md"
+        if not path.is_file():
+            program = ROOT / "tests" / "renders" / "texture_quality.py"
+            subprocess.run([sys.executable, program, self.renders, self.out, *TEXTURE_GROOMS], check=True)
+        return ["#" + line if line.startswith("#") else line for line in path.read_text().splitlines()] + [""]
+
     def noise(self) -> list[str]:
         lines = ["## Cameras that are off (Z-E9)", ""]
         for groom in NOISE_GROOMS:
@@ -238,6 +246,7 @@ class Experiments:
         return ["## A real photo, front only, nothing done by hand", "", f"![astronaut](pictures/{path.name})", ""]
 
 
+TEXTURE_GROOMS = ("bob", "ponytail", "puffy", "short_crop", "sintel", "spiky", "straight", "wavy")
 FAILURES = (
     "The others are the failure cases, as in the paper (Z-E11): the hair of curly and puffy turns several times "
     "within a centimetre and lies crosswise, so that what a filter sees in a picture says little of the strands "
@@ -260,7 +269,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("renders", type=Path)
     parser.add_argument("out", type=Path)
-    names = ("quality", "noise", "counts", "melding", "detail", "photo")
+    names = ("quality", "texture", "noise", "counts", "melding", "detail", "photo")
     parser.add_argument("--only", nargs="+", choices=names, default=names)
     options = parser.parse_args(arguments)
     experiments = Experiments(options.renders, options.out)
