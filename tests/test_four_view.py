@@ -16,7 +16,7 @@ from evaluate import judge, load_head, load_views, own_family
 from hairloom.cli import main as command_line
 from hairloom.errors import Cancelled, InputError
 from hairloom.fourview.database import open_database
-from hairloom.fourview.pipeline import FourViewParams, linear_rgba, model_hair
+from hairloom.fourview.pipeline import FourViewParams, hair_directions, hair_texture, linear_rgba, model_hair
 from hairloom.fourview.project import Project, ProjectView, write_project
 from hairloom.io.bundle import read_bundle
 from hairloom.io.strands import read_strands
@@ -99,6 +99,21 @@ def test_the_front_alone_gives_hair_all_around(modelled, database):
     assert result.report["views"]["front"]["mask_iou"] > 0.75
     behind = result.strands.points[:, 1] > head.vertices[:, 1].mean()
     assert behind.mean() > 0.25
+
+
+def test_a_photo_that_the_shape_left_out_is_used_nowhere(modelled):
+    result, views, head, _ = modelled
+    without = replace(result.shape, left_out=("back",))
+    three = [view for view in views if view.name != "back"]
+    textures = [hair_texture(*given, small())[1] for given in ((without, views), (result.shape, three))]
+    assert textures[0].colour.tobytes() == textures[1].colour.tobytes()
+    assert textures[0].colour.tobytes() != result.texture.colour.tobytes()
+    stage = (result.surface, result.texture)
+    directions = [
+        hair_directions(shape, *stage, given, head, params=small())
+        for shape, given in ((without, views), (result.shape, three))
+    ]
+    assert directions[0].directions.tobytes() == directions[1].directions.tobytes()
 
 
 def test_the_command_line_models_a_project(folder, tmp_path, capsys):

@@ -54,7 +54,7 @@ class FourViewParams:
 
 @dataclass(frozen=True, slots=True)
 class FourViewResult:
-    """Everything that the stages made. strands : with the strand attribute `groom_color` (S, 4) float32, linear RGBA."""
+    """Everything that the stages made. strands : with the attribute `groom_color` (S, 4) float32, linear RGBA."""
 
     shape: RoughShape
     surface: HairSurface
@@ -123,7 +123,8 @@ def hair_texture(
 ) -> tuple[HairSurface, HairTexture]:  # fmt: skip
     """The texture on the open surface (sec. 4.2, 4.3; Z-8 ... Z-18)."""
     surface = make_surface(shape.open, params.surface, progress=subrange(progress, 0.0, 0.2))
-    return surface, synthesize_texture(surface, shape, views, params.texture, progress=subrange(progress, 0.2, 1.0))
+    part = subrange(progress, 0.2, 1.0)
+    return surface, synthesize_texture(surface, shape, _agreeing(shape, views), params.texture, progress=part)
 
 
 def hair_directions(
@@ -137,7 +138,8 @@ def hair_directions(
     progress: Progress = NO_PROGRESS,
 ) -> SurfaceDirections:
     """Growth directions on the surface (sec. 4.4; Z-19)."""
-    return find_directions(texture, surface, shape, views, head, strokes, params.directions, progress=progress)
+    agreeing = _agreeing(shape, views)
+    return find_directions(texture, surface, shape, agreeing, head, strokes, params.directions, progress=progress)
 
 
 def hair_strands(
@@ -150,6 +152,7 @@ def hair_strands(
     progress: Progress = NO_PROGRESS,
 ) -> StrandSet:
     """The direction volume and the strands (sec. 4.4 ... 4.6; Z-20 ... Z-23), coloured by the photos."""
+    views = _agreeing(shape, views)
     progress(0.0, "Filling the volume with directions")
     volume = direction_volume(directions, shape, head, params.directions)
     normals = normal_volume(directions, shape, head, params.directions) if params.with_detail else None
@@ -162,6 +165,11 @@ def hair_strands(
     return StrandSet(
         strands.points, strands.offsets, strands.point_attributes, {**strands.strand_attributes, "groom_color": colours}
     )
+
+
+def _agreeing(shape: RoughShape, views: Sequence[View]) -> list[View]:
+    """The views but those that the shape had to leave out: what they show is not where it would be on this shape."""
+    return [view for view in views if view.name not in shape.left_out]
 
 
 def linear_rgba(colours: Float32) -> Float32:

@@ -77,7 +77,7 @@ class RoughShape:
     closed : G_DEF, closed. open : G, its outer surface. Both metres, world space.
     strands : the database hairstyle carried along by the deformation, a prior for directions; roots as they were.
     style : the hairstyle's name. mask_iou : (n_views,) float64, intersection over union of the closed mesh, seen before
-        the head, with each mask. remarks : lines for the user.
+        the head, with each mask. remarks : lines for the user. left_out : names of views that contradict the others.
     """
 
     closed: Mesh
@@ -86,6 +86,7 @@ class RoughShape:
     style: str
     mask_iou: Float64
     remarks: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_array("mask_iou", self.mask_iou, np.float64, (None,))
@@ -134,7 +135,8 @@ def find_shape(
     opened = clip_shape(closed, fitted, head)
     require(len(opened.triangles) > 0, "nothing of the shape is seen as hair; check the masks and cameras")
     iou = np.array([mask_overlap(cone, closed) for cone in cones])
-    return RoughShape(closed, opened, carry_strands(strands, displacement), style, iou, remarks)
+    left_out = tuple(views[k].name for k in range(len(views)) if k not in used)
+    return RoughShape(closed, opened, carry_strands(strands, displacement), style, iou, remarks, left_out)
 
 
 def remove_detail(strands: StrandSet, head: Head, params: ShapeParams = ShapeParams()) -> Mesh:

@@ -108,6 +108,7 @@ def test_a_view_that_contradicts_the_others_is_named_and_left_out():
     shape = find_shape(STRANDS, "radial", sample, HEAD, PARAMS)
     assert len(shape.remarks) == 1 and "'back'" in shape.remarks[0] and "left out" in shape.remarks[0]
     assert "'left'" not in shape.remarks[0]
+    assert shape.left_out == ("back",)
     assert shape.mask_iou[[0, 2, 3]].min() > 0.94 and shape.mask_iou[1] < 0.8
 
 
