@@ -15,7 +15,7 @@ from hairloom.io.bundle import read_bundle
 sys.path.insert(0, str(Path(__file__).parent / "renders"))
 
 from grooms import frame_cameras
-from render_views import main, photo
+from render_views import main, photo, without_windows
 
 SIZE = 200
 QUICK = ("--quick", "--size", str(SIZE), "--strands", "6000", "--views", "front", "left")
@@ -68,6 +68,19 @@ def test_what_is_not_there_is_said(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "nosuch.png" in capsys.readouterr().err
     assert main([*QUICK, "--data", str(tmp_path), "--", str(tmp_path), "sintel"]) == 1
     assert "hair.tfx" in capsys.readouterr().err
+
+
+def test_thin_hair_over_the_scalp_is_marked_and_a_window_is_not() -> None:
+    mask, scalp = np.zeros((60, 80), np.bool_), np.zeros((60, 80), np.bool_)
+    mask[5:55, 5:75] = True
+    scalp[5:40, 5:75] = True
+    mask[10:20, 10:20] = False  # scalp alone
+    mask[35:45, 30:40] = False  # half of it is the neck's
+    mask[5:12, 60:70] = False  # open above
+    filled = without_windows(mask, scalp)
+    assert filled[10:20, 10:20].all()
+    assert not filled[35:45, 30:40].any() and not filled[5:12, 60:70].any()
+    assert (filled[~mask].sum()) == 100
 
 
 def test_cameras_hold_everything_at_one_scale() -> None:

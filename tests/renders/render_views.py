@@ -21,7 +21,7 @@ from grooms import NAMES, ROOT, STARTER_STRANDS, VIEWS, Groom, load_groom
 from hairloom.errors import FileError, HairloomError
 from hairloom.geometry.strand_raster import marked_region, scalp_pixels
 from hairloom.io.bundle import write_bundle
-from hairloom.types import Float32
+from hairloom.types import Bools, Float32
 from quick_photo import draw_view
 
 PLAIN = "0.86,0.87,0.88"  # sRGB, light
@@ -47,9 +47,20 @@ def render_groom(groom: Groom, folder: Path, arguments: argparse.Namespace) -> N
             rendered, coverage = photo_scene.render_view(scene, camera), photo_scene.render_coverage(scene, camera)
         shot = photo(rendered, arguments.background, arguments.blur, arguments.noise, rng)
         cv2.imwrite(str(folder / f"{view}.png"), shot[..., ::-1])
-        mask = marked_region(coverage, scalp_pixels(camera, groom.head))
+        scalp = scalp_pixels(camera, groom.head)
+        mask = without_windows(marked_region(coverage, scalp), scalp)
         cv2.imwrite(str(folder / f"{view}_mask.png"), mask.astype(np.uint8) * 255)
         print(f"{folder.name}/{view}: {time.perf_counter() - start:.1f} s, {mask.mean():.1%} hair", flush=True)
+
+
+def without_windows(mask: Bools, scalp: Bools) -> Bools:
+    """The mask (H, W) without holes that hair surrounds and that show scalp alone: thin hair, which a person marks."""
+    _, labels = cv2.connectedComponents((~mask).astype(np.uint8), connectivity=4)
+    bare = np.bincount(labels.ravel(), (~scalp).ravel())
+    outside = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
+    filled = bare == 0
+    filled[outside] = False
+    return np.asarray(mask | filled[labels])
 
 
 def photo(rendered: Float32, background: str, blur: float, noise: float, rng: np.random.Generator) -> np.ndarray:
