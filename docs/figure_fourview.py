@@ -95,9 +95,10 @@ def modelled(
 
 
 def save(path: Path, image: np.ndarray) -> None:
-    """A picture of the docs' width."""
+    """A picture of the docs' width; hair is too much noise for PNG."""
     height = round(image.shape[0] * WIDTH / image.shape[1])
-    write_image(path, cv2.resize(image, (WIDTH, height), interpolation=cv2.INTER_AREA))
+    small = cv2.resize(image, (WIDTH, height), interpolation=cv2.INTER_AREA)
+    cv2.imwrite(str(path), small[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])
 
 
 def row(name: str, numbers: Mapping[str, Any]) -> str:
@@ -146,12 +147,12 @@ class Experiments:
             if not (out / "rendered_right.png").is_file():
                 program = ROOT / "tests" / "renders" / "render_result.py"
                 subprocess.run([sys.executable, program, self.renders, self.out, groom], check=True)
-            save(PICTURES / f"fourview_{groom}.png", self._shown(groom))
+            save(PICTURES / f"fourview_{groom}.jpg", self._shown(groom))
         combed = [names[groom] for groom in COMBED if groom in names]
         lines = ["## Quality", "", "In brackets the hairstyle of the database that the shape was made from.", ""]
         lines += [*table(rows, {f"mean of {len(rows)}": list(rows), f"mean of the {len(combed)} combed": combed}), ""]
         lines += ["Combed: " + ", ".join(COMBED) + ". " + FAILURES, ""]
-        return [*lines, *[f"![{groom}](pictures/fourview_{groom}.png)\n" for groom in self.grooms]]
+        return [*lines, *[f"![{groom}](pictures/fourview_{groom}.jpg)\n" for groom in self.grooms]]
 
     def _shown(self, groom: str) -> np.ndarray:
         """Photos, the result rendered like them, and the result by angle."""
@@ -183,11 +184,11 @@ class Experiments:
                 rows[f"{groom}, sigma {degrees} degrees"] = kept(
                     self.out / f"{name}.json",
                     lambda v=views, h=head, d=degrees, n=name, g=groom: modelled(
-                        self.renders / g, noisy(v, h, d, 1), self.database, self.params, PICTURES / f"fourview_{n}.png"
+                        self.renders / g, noisy(v, h, d, 1), self.database, self.params, PICTURES / f"fourview_{n}.jpg"
                     ),
                 )
             lines += [*table(rows), ""]
-            lines += [f"![sigma {d} degrees](pictures/fourview_noise_{groom}_{d}.png)\n" for d in NOISE_DEGREES[1:]]
+            lines += [f"![sigma {d} degrees](pictures/fourview_noise_{groom}_{d}.jpg)\n" for d in NOISE_DEGREES[1:]]
         return lines
 
     def counts(self) -> list[str]:
@@ -198,11 +199,11 @@ class Experiments:
                 self.out / f"count_{number}.json",
                 lambda c=chosen, n=number: modelled(
                     self.renders / "sintel", [view for view in views if view.name in c], self.database, self.params,
-                    PICTURES / f"fourview_count_{n}.png",
+                    PICTURES / f"fourview_count_{n}.jpg",
                 ),
             )  # fmt: skip
         lines = ["## Fewer photos (Z-E10)", "", *table(rows), ""]
-        return [*lines, *[f"![{name}](pictures/fourview_count_{n}.png)\n" for n, name in enumerate(COUNTS)]]
+        return [*lines, *[f"![{name}](pictures/fourview_count_{n}.jpg)\n" for n, name in enumerate(COUNTS)]]
 
     def melding(self) -> list[str]:
         """A curly front on a straight back (Z-E3)."""
@@ -210,7 +211,7 @@ class Experiments:
         sources = {"front": "curly", "back": "straight", "left": "straight", "right": "straight"}
         folders = {view: self.renders / groom for view, groom in sources.items()}
         views = load_views(folders, cameras)
-        path = PICTURES / "fourview_melding.png"
+        path = PICTURES / "fourview_melding.jpg"
         if not path.is_file():
             result, _ = model(views, head, self.database, (), self.params)
             save(path, picture(result.strands, views, head))
@@ -225,17 +226,17 @@ class Experiments:
             "detail off": kept(
                 self.out / "detail_off.json",
                 lambda: modelled(
-                    self.renders / "wavy", views, self.database, off, PICTURES / "fourview_detail_off.png"
+                    self.renders / "wavy", views, self.database, off, PICTURES / "fourview_detail_off.jpg"
                 ),
             ),
         }
-        return ["## Detail on and off (Z-E5)", "", *table(rows), "", "![off](pictures/fourview_detail_off.png)", ""]
+        return ["## Detail on and off (Z-E5)", "", *table(rows), "", "![off](pictures/fourview_detail_off.jpg)", ""]
 
     def photo(self) -> list[str]:
         """A real photo as the only view: skimage's astronaut, public domain, with nothing done by hand."""
         from skimage.data import astronaut
 
-        path = PICTURES / "fourview_astronaut.png"
+        path = PICTURES / "fourview_astronaut.jpg"
         if not path.is_file():
             folder = self.out / "astronaut"
             folder.mkdir(parents=True, exist_ok=True)
