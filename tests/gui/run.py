@@ -37,7 +37,10 @@ PICTURES = {
     "simulation_scrubbed": "simulation",
     "fourview_border": "wizard_border",
     "fourview_planes": "wizard_cameras",
+    "fourview_shape": "wizard_shape",
     "fourview_texture": "wizard_texture",
+    "fourview_directions": "wizard_directions",
+    "fourview_strands": "wizard_strands",
 }
 
 
