@@ -206,8 +206,10 @@ def _make_level(texels: TexelMap, mesh: Mesh, corner_uv: Float32, across: Int32,
 def _central_texels(points: Float32, areas: Float32, labels: Int32) -> Int32:
     """(k,) int32: the item of each cluster that is nearest to its centre."""
     count = int(labels.max()) + 1
-    weight = np.bincount(labels, areas, count)
-    sums = [np.bincount(labels, areas.astype(np.float64) * points[:, axis], count) / weight for axis in range(3)]
+    # a cluster of slivers alone has a centre too
+    shares = np.maximum(areas.astype(np.float64), 1e-9 * float(areas.max(initial=0.0)))
+    weight = np.bincount(labels, shares, count)
+    sums = [np.bincount(labels, shares * points[:, axis], count) / weight for axis in range(3)]
     nearest = np.full(count, -1, np.int32)
     nearest_items(points, labels, np.stack(sums, axis=1), nearest, np.full(count, np.inf))
     return nearest

@@ -6,7 +6,7 @@ from hair_shapes import RADII, ellipsoid, hair_shape
 from hairloom.errors import Cancelled, InputError
 from hairloom.fourview.atlas import make_atlas
 from hairloom.fourview.remeshing import remesh, vertex_areas
-from hairloom.fourview.surface import SurfaceParams, make_surface, scan_order, tangent_frames
+from hairloom.fourview.surface import SurfaceParams, _central_texels, make_surface, scan_order, tangent_frames
 from hairloom.types import Mesh
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -247,3 +247,9 @@ def test_bad_input_and_cancel(shape):
 def test_bad_params(bad):
     with pytest.raises(InputError):
         SurfaceParams(**bad)
+
+
+def test_a_cluster_of_slivers_has_a_middle_too():
+    points = np.float32([[0, 0, 0], [1, 0, 0], [2, 0, 0], [5, 0, 0], [6, 0, 0], [7, 0, 0]])
+    found = _central_texels(points, np.float32([1, 1, 1, 0, 0, 0]), np.int32([0, 0, 0, 1, 1, 1]))
+    assert found.tolist() == [1, 4]
