@@ -14,7 +14,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from ..kernels import device, inlined_device, parallel_kernel, summing_device
+from ..kernels import device, parallel_kernel, summing_device
 
 OUTSIDE, FREE, FIXED = 0, 1, 2
 
@@ -34,15 +34,6 @@ def _dot(a: Any, b: Any) -> Any:
     total = np.float32(0.0)
     for k in range(a.shape[0]):
         total += a[k] * b[k]
-    return total
-
-
-@device
-def _dot_of_layer(a: Any, b: Any, x: int) -> float:
-    """The dot product of layer x of two grids; float32 along a line, float64 over the lines."""
-    total = 0.0
-    for y in range(1, a.shape[1] - 1):
-        total += _dot(a[x, y], b[x, y])
     return total
 
 
@@ -125,55 +116,25 @@ def set_coarse(terms: Any, to_x: Any, to_y: Any, to_z: Any, diagonal: Any, inver
                     inverse[x, y, z] = 1.0 / total
 
 
-@inlined_device
-def _layer(field: Any, x: int, shift: int) -> Any:
-    """The cells of layer x in one run, from the first to the last that is not in the border, moved by `shift` cells.
-
-    One run instead of a line per y keeps the loops over it long; the border's cells between two lines are computed as
-    well, and stay 0 as they do everywhere.
-    """
-    _, n_y, n_z = field.shape
-    start = x * n_y * n_z + n_z + 1 + shift
-    return field.reshape(-1)[start : start + (n_y - 2) * n_z - 2]
-
-
-@parallel_kernel
-def relax_from_zero(right: Any, inverse: Any, first: float, second: float, out: Any) -> None:
-    """Two relaxations of the finest level, with omegas `first` and `second`, that start from 0: one pass over it."""
-    n_y, n_z = right.shape[1:]
-    factor, keep, take = np.float32(first), np.float32(1.0 - second), np.float32(second)
-    for x in numba.prange(1, right.shape[0] - 1):
-        b, scale_, new = _layer(right, x, 0), _layer(inverse, x, 0), _layer(out, x, 0)
-        b_left, s_left = _layer(right, x, -n_y * n_z), _layer(inverse, x, -n_y * n_z)
-        b_further, s_further = _layer(right, x, n_y * n_z), _layer(inverse, x, n_y * n_z)
-        b_front, s_front = _layer(right, x, -n_z), _layer(inverse, x, -n_z)
-        b_back, s_back = _layer(right, x, n_z), _layer(inverse, x, n_z)
-        b_below, s_below = _layer(right, x, -1), _layer(inverse, x, -1)
-        b_above, s_above = _layer(right, x, 1), _layer(inverse, x, 1)
-        for k in range(new.shape[0]):
-            near = factor * s_left[k] * b_left[k] + factor * s_further[k] * b_further[k]
-            near += factor * s_front[k] * b_front[k]
-            near += factor * s_back[k] * b_back[k]
-            near += factor * s_below[k] * b_below[k]
-            near += factor * s_above[k] * b_above[k]
-            new[k] = keep * (factor * scale_[k] * b[k]) + take * scale_[k] * (b[k] + near)
-
-
 @parallel_kernel
 def relax_unit(values: Any, right: Any, inverse: Any, omega: float, out: Any, sums: Any) -> None:
     """out = values + omega D^-1 (right - A values); sums[x] = out . right over layer x, if sums is not empty."""
     n_x, n_y, n_z = values.shape
     keep, take = np.float32(1.0 - omega), np.float32(omega)
     for x in numba.prange(1, n_x - 1):
-        left, further = _layer(values, x, -n_y * n_z), _layer(values, x, n_y * n_z)
-        front, back = _layer(values, x, -n_z), _layer(values, x, n_z)
-        below, here, above = _layer(values, x, -1), _layer(values, x, 0), _layer(values, x, 1)
-        b, scale_, new = _layer(right, x, 0), _layer(inverse, x, 0), _layer(out, x, 0)
-        for k in range(new.shape[0]):
-            near = left[k] + further[k] + front[k] + back[k] + below[k] + above[k]
-            new[k] = keep * here[k] + take * scale_[k] * (b[k] + near)
+        total = 0.0
+        for y in range(1, n_y - 1):
+            left, further = values[x - 1, y, 1 : n_z - 1], values[x + 1, y, 1 : n_z - 1]
+            front, back = values[x, y - 1, 1 : n_z - 1], values[x, y + 1, 1 : n_z - 1]
+            below, here, above = values[x, y, 0 : n_z - 2], values[x, y, 1 : n_z - 1], values[x, y, 2:n_z]
+            b, scale, new = right[x, y, 1 : n_z - 1], inverse[x, y, 1 : n_z - 1], out[x, y, 1 : n_z - 1]
+            for k in range(n_z - 2):
+                near = left[k] + further[k] + front[k] + back[k] + below[k] + above[k]
+                new[k] = keep * here[k] + take * scale[k] * (b[k] + near)
+            if sums.shape[0] > 0:
+                total += _dot(new, b)
         if sums.shape[0] > 0:
-            sums[x] = _dot_of_layer(out, right, x)
+            sums[x] = total
 
 
 @parallel_kernel
@@ -204,17 +165,19 @@ def scale(values: Any, inverse: Any, omega: float, out: Any) -> None:
 
 
 @parallel_kernel
-def residual_unit(values: Any, right: Any, diagonal: Any, norm: Any, out: Any) -> None:
+def residual_unit(values: Any, right: Any, diagonal: Any, inverse: Any, norm: Any, out: Any) -> None:
     """out = norm (right - A values)."""
     n_x, n_y, n_z = values.shape
     for x in numba.prange(1, n_x - 1):
-        left, further = _layer(values, x, -n_y * n_z), _layer(values, x, n_y * n_z)
-        front, back = _layer(values, x, -n_z), _layer(values, x, n_z)
-        below, here, above = _layer(values, x, -1), _layer(values, x, 0), _layer(values, x, 1)
-        b, main, factor, new = _layer(right, x, 0), _layer(diagonal, x, 0), _layer(norm, x, 0), _layer(out, x, 0)
-        for k in range(new.shape[0]):
-            near = left[k] + further[k] + front[k] + back[k] + below[k] + above[k]
-            new[k] = factor[k] * (b[k] + near - main[k] * here[k])
+        for y in range(1, n_y - 1):
+            left, further = values[x - 1, y, 1 : n_z - 1], values[x + 1, y, 1 : n_z - 1]
+            front, back = values[x, y - 1, 1 : n_z - 1], values[x, y + 1, 1 : n_z - 1]
+            below, here, above = values[x, y, 0 : n_z - 2], values[x, y, 1 : n_z - 1], values[x, y, 2:n_z]
+            b, main, new = right[x, y, 1 : n_z - 1], diagonal[x, y, 1 : n_z - 1], out[x, y, 1 : n_z - 1]
+            factor = norm[x, y, 1 : n_z - 1]
+            for k in range(n_z - 2):
+                near = left[k] + further[k] + front[k] + back[k] + below[k] + above[k]
+                new[k] = factor[k] * (b[k] + near - main[k] * here[k])
 
 
 @parallel_kernel
@@ -306,18 +269,21 @@ def restrict(fine: Any, coarse: Any) -> None:
 
 
 @parallel_kernel
-def multiply(values: Any, diagonal: Any, out: Any, sums: Any) -> None:
+def multiply(values: Any, diagonal: Any, inverse: Any, out: Any, sums: Any) -> None:
     """out = A values on the finest level; sums[x] = values . out over layer x."""
     n_x, n_y, n_z = values.shape
     for x in numba.prange(1, n_x - 1):
-        left, further = _layer(values, x, -n_y * n_z), _layer(values, x, n_y * n_z)
-        front, back = _layer(values, x, -n_z), _layer(values, x, n_z)
-        below, here, above = _layer(values, x, -1), _layer(values, x, 0), _layer(values, x, 1)
-        main, new = _layer(diagonal, x, 0), _layer(out, x, 0)
-        for k in range(new.shape[0]):
-            near = left[k] + further[k] + front[k] + back[k] + below[k] + above[k]
-            new[k] = main[k] * here[k] - near if main[k] > 0 else np.float32(0.0)
-        sums[x] = _dot_of_layer(values, out, x)
+        total = 0.0
+        for y in range(1, n_y - 1):
+            left, further = values[x - 1, y, 1 : n_z - 1], values[x + 1, y, 1 : n_z - 1]
+            front, back = values[x, y - 1, 1 : n_z - 1], values[x, y + 1, 1 : n_z - 1]
+            below, here, above = values[x, y, 0 : n_z - 2], values[x, y, 1 : n_z - 1], values[x, y, 2:n_z]
+            main, scale_, new = diagonal[x, y, 1 : n_z - 1], inverse[x, y, 1 : n_z - 1], out[x, y, 1 : n_z - 1]
+            for k in range(n_z - 2):
+                near = left[k] + further[k] + front[k] + back[k] + below[k] + above[k]
+                new[k] = main[k] * (here[k] - scale_[k] * near)
+            total += _dot(here, new)
+        sums[x] = total
 
 
 @parallel_kernel
@@ -347,46 +313,49 @@ def turn(preconditioned: Any, beta: float, direction: Any) -> None:
 
 
 @parallel_kernel
-def set_known(kinds: Any, values: Any, component: int, known: Any) -> None:
-    """known (X + 2, ...) = one component of values (X, Y, Z, C) on FIXED cells, 0 on the others."""
-    for x in numba.prange(values.shape[0]):
-        for y in range(values.shape[1]):
-            kind, line = kinds[x + 1, y + 1, 1:-1], known[x + 1, y + 1, 1:-1]
-            given = values[x, y, :, component]
-            for z in range(given.shape[0]):
-                line[z] = given[z] if kind[z] == FIXED else np.float32(0.0)
-
-
-@parallel_kernel
-def set_right(kinds: Any, weights: Any, values: Any, component: int, known: Any, right: Any, sums: Any) -> None:
+def set_right(kinds: Any, weights: Any, values: Any, component: int, right: Any, sums: Any) -> None:
     """right = values of the FIXED neighbours plus weight times the own value, on FREE cells; sums of its squares.
 
-    kinds (X + 2, ...), weights (X, Y, Z) or empty, values (X, Y, Z, C), known from `set_known`, right (X + 2, ...).
+    kinds (X + 2, ...), weights (X, Y, Z) or empty, values (X, Y, Z, C), right (X + 2, ...).
     """
     n_x, n_y, n_z = kinds.shape
     for x in numba.prange(1, n_x - 1):
-        left, further = _layer(known, x, -n_y * n_z), _layer(known, x, n_y * n_z)
-        front, back = _layer(known, x, -n_z), _layer(known, x, n_z)
-        below, above = _layer(known, x, -1), _layer(known, x, 1)
-        kind, b = _layer(kinds, x, 0), _layer(right, x, 0)
-        for k in range(b.shape[0]):
-            near = left[k] + further[k] + front[k] + back[k] + below[k] + above[k]
-            b[k] = near if kind[k] == FREE else np.float32(0.0)
-        if weights.shape[0] > 0:
-            for y in range(1, n_y - 1):
-                for z in range(1, n_z - 1):
-                    if kinds[x, y, z] == FREE:
-                        right[x, y, z] += weights[x - 1, y - 1, z - 1] * values[x - 1, y - 1, z - 1, component]
-        sums[x] = _dot_of_layer(right, right, x)
+        total = 0.0
+        for y in range(1, n_y - 1):
+            for z in range(1, n_z - 1):
+                right[x, y, z] = 0.0
+                if kinds[x, y, z] != FREE:
+                    continue
+                b: Any = np.float32(0.0)
+                if kinds[x - 1, y, z] == FIXED:
+                    b += values[x - 2, y - 1, z - 1, component]
+                if kinds[x + 1, y, z] == FIXED:
+                    b += values[x, y - 1, z - 1, component]
+                if kinds[x, y - 1, z] == FIXED:
+                    b += values[x - 1, y - 2, z - 1, component]
+                if kinds[x, y + 1, z] == FIXED:
+                    b += values[x - 1, y, z - 1, component]
+                if kinds[x, y, z - 1] == FIXED:
+                    b += values[x - 1, y - 1, z - 2, component]
+                if kinds[x, y, z + 1] == FIXED:
+                    b += values[x - 1, y - 1, z, component]
+                if weights.shape[0] > 0:
+                    b += weights[x - 1, y - 1, z - 1] * values[x - 1, y - 1, z - 1, component]
+                right[x, y, z] = b
+                total += b * b
+        sums[x] = total
 
 
 @parallel_kernel
 def write_back(kinds: Any, values: Any, solution: Any, component: int, out: Any) -> None:
-    """out (X, Y, Z, C): the solution on FREE cells, where alone it is not 0, the given values on FIXED ones, else 0."""
+    """out (X, Y, Z, C): the solution on FREE cells, the given values on FIXED ones, 0 outside."""
     for x in numba.prange(out.shape[0]):
         for y in range(out.shape[1]):
             for z in range(out.shape[2]):
-                if kinds[x + 1, y + 1, z + 1] == FIXED:
+                kind = kinds[x + 1, y + 1, z + 1]
+                if kind == FREE:
+                    out[x, y, z, component] = solution[x + 1, y + 1, z + 1]
+                elif kind == FIXED:
                     out[x, y, z, component] = values[x, y, z, component]
                 else:
-                    out[x, y, z, component] = solution[x + 1, y + 1, z + 1]
+                    out[x, y, z, component] = 0.0

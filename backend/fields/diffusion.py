@@ -120,8 +120,7 @@ class DiffusionSolver:
     ) -> tuple[float, int]:
         finest = self._levels[0]
         sums = np.zeros(len(finest.values))
-        kernels.set_known(self._kinds, given, component, finest.work)
-        kernels.set_right(self._kinds, self._weights, given, component, finest.work, finest.right, sums)
+        kernels.set_right(self._kinds, self._weights, given, component, finest.right, sums)
         size = float(sums.sum())
         if size == 0.0:
             return 0.0, 0
@@ -130,7 +129,7 @@ class DiffusionSolver:
             product = self._precondition(sums)
             kernels.turn(finest.values, product / previous if iteration else 0.0, direction)
             previous = product
-            kernels.multiply(direction, finest.diagonal, finest.work, sums)
+            kernels.multiply(direction, finest.diagonal, finest.inverse, finest.work, sums)
             kernels.step(direction, finest.work, product / float(sums.sum()), solution, finest.right, sums)
             square = float(sums.sum())
             if square <= tolerance**2 * size:
@@ -148,7 +147,8 @@ class DiffusionSolver:
         try:
             for level, coarser in pairwise(self._levels):
                 kernels.use_threads(n_threads if level.values.size > SMALL else 1)
-                _relax_from_zero(level, first, second)
+                kernels.scale(level.right, level.inverse, first, level.work)
+                _relax(level, level.work, second, level.values)
                 _residual(level, level.values, level.work)
                 kernels.restrict(level.work, coarser.right)
             self._solve_coarsest()
@@ -246,15 +246,6 @@ def _invert(level: _Level) -> tuple[NDArray[np.int64], Float64]:
     return cells, np.linalg.inv(matrix)
 
 
-def _relax_from_zero(level: _Level, first: float, second: float) -> None:
-    """Two relaxations that start from 0, into the level's `values`."""
-    if level.edges is None:
-        kernels.relax_from_zero(level.right, level.inverse, first, second, level.values)
-    else:
-        kernels.scale(level.right, level.inverse, first, level.work)
-        _relax(level, level.work, second, level.values)
-
-
 def _relax(level: _Level, values: Float32, omega: float, out: Float32, sums: Float64 = _NO_SUMS) -> None:
     if level.edges is None:
         kernels.relax_unit(values, level.right, level.inverse, omega, out, sums)
@@ -264,6 +255,6 @@ def _relax(level: _Level, values: Float32, omega: float, out: Float32, sums: Flo
 
 def _residual(level: _Level, values: Float32, out: Float32) -> None:
     if level.edges is None:
-        kernels.residual_unit(values, level.right, level.diagonal, level.norm, out)
+        kernels.residual_unit(values, level.right, level.diagonal, level.inverse, level.norm, out)
     else:
         kernels.residual_weighted(values, level.right, level.diagonal, *level.edges, level.norm, out)
