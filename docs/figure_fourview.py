@@ -151,7 +151,7 @@ class Experiments:
         combed = [names[groom] for groom in COMBED if groom in names]
         lines = ["## Quality", "", "In brackets the hairstyle of the database that the shape was made from.", ""]
         lines += [*table(rows, {f"mean of {len(rows)}": list(rows), f"mean of the {len(combed)} combed": combed}), ""]
-        lines += ["Combed: " + ", ".join(COMBED) + ". " + FAILURES, ""]
+        lines += ["Aimed at: IoU 0.93 and 15 degrees in each view. Combed: " + ", ".join(COMBED) + ". " + FAILURES, ""]
         return [*lines, *[f"![{groom}](pictures/fourview_{groom}.jpg)\n" for groom in self.grooms]]
 
     def _shown(self, groom: str) -> np.ndarray:
