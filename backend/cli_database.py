@@ -108,10 +108,10 @@ def _views(options: argparse.Namespace, progress: Progress) -> tuple[tuple[View,
     """The views of a project, or of masks alone with cameras placed by them."""
     given: Head | None = None
     if options.head is not None:
-        given = _with_scalp(read_head(options.head, Units.parse(options.head_units) if options.head_units else None))
+        given = guess_scalp(read_head(options.head, Units.parse(options.head_units) if options.head_units else None))
     if len(options.what) == 1 and "=" not in options.what[0]:
         inputs = read_inputs(read_project(Path(options.what[0])), given, progress)
-        return inputs.views, _with_scalp(inputs.head)
+        return inputs.views, inputs.head
     masks: dict[str, Bools] = {}
     for text in options.what:
         name, equals, path = text.partition("=")
@@ -122,10 +122,6 @@ def _views(options: argparse.Namespace, progress: Progress) -> tuple[tuple[View,
     cameras = place_cameras(masks, head)
     blank = {name: np.zeros((*mask.shape, 3), np.uint8) for name, mask in masks.items()}
     return tuple(View(name, blank[name], mask, cameras[name]) for name, mask in masks.items()), head
-
-
-def _with_scalp(head: Head) -> Head:
-    return head if head.scalp.any() else guess_scalp(head)
 
 
 def _add(options: argparse.Namespace, clock: Clock) -> Report:

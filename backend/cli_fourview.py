@@ -16,13 +16,12 @@ from .fourview.database import open_database
 from .fourview.inputs import read_inputs
 from .fourview.pipeline import STAGES, FourViewParams, model_hair
 from .fourview.project import read_project
-from .geometry.scalp_guess import guess_scalp
 from .io.images import write_image
 from .io.strands import write_strands
 from .io.units import Units
 from .progress import Progress
 from .registry import build_params
-from .types import Head, StrandSet
+from .types import StrandSet
 
 Report = dict[str, Any]
 Clock = Callable[[str], None]
@@ -47,11 +46,10 @@ def _four_view(options: argparse.Namespace, clock: Clock, progress: Progress) ->
     if options.strands is not None:
         params = replace(params, strands=replace(params.strands, n_strands=options.strands))
     inputs = read_inputs(project, progress=progress)
-    head = with_scalp(inputs.head)
     database = open_database(None, [project.path(folder) for folder in project.grooms])
     clock("model")
     stages = StageProgress(progress, clock)
-    result = model_hair(inputs.views, head, database, inputs.strokes, params, progress=stages)
+    result = model_hair(inputs.views, inputs.head, database, inputs.strokes, params, progress=stages)
     clock("write")
     units = Units.parse(options.out_units) if options.out_units else None
     write_strands(options.out, with_point_colours(result.strands), units=units)
@@ -63,11 +61,6 @@ def _four_view(options: argparse.Namespace, clock: Clock, progress: Progress) ->
             write_image(options.masks / f"{view.name}_mask.png", view.mask)
     remarks = [*inputs.remarks, *database.remarks, *result.report.pop("remarks", [])]
     return {"strands": result.strands.n_strands, **result.report, "remarks": remarks, "out": str(options.out)}
-
-
-def with_scalp(head: Head) -> Head:
-    """The head, its scalp guessed where none is marked."""
-    return head if head.scalp.any() else guess_scalp(head)
 
 
 def with_point_colours(strands: StrandSet) -> StrandSet:

@@ -30,18 +30,16 @@ from evaluate import (  # noqa: E402
     load_head,
     load_views,
     model,
+    noisy,
     own_family,
     picture,
 )
 from hairloom.fourview.database import HairDatabase, open_database  # noqa: E402
 from hairloom.fourview.inputs import read_inputs  # noqa: E402
 from hairloom.fourview.pipeline import FourViewParams  # noqa: E402
-from hairloom.fourview.placement import turned_camera  # noqa: E402
 from hairloom.fourview.project import Project, ProjectView  # noqa: E402
 from hairloom.fourview.views import View  # noqa: E402
-from hairloom.geometry.camera import project  # noqa: E402
 from hairloom.geometry.head import default_head  # noqa: E402
-from hairloom.geometry.scalp_space import fit_scalp_space  # noqa: E402
 from hairloom.geometry.strand_raster import raster_strands  # noqa: E402
 from hairloom.io.bundle import read_bundle  # noqa: E402
 from hairloom.io.images import read_image, write_image  # noqa: E402
@@ -56,22 +54,6 @@ COMBED = ("bob", "ponytail", "short_crop", "sintel", "straight", "wavy")
 NOISE_GROOMS, NOISE_DEGREES = ("sintel", "straight"), (0, 10, 25)
 COUNTS = {"front, back": VIEWS[:2], "front, back, left": VIEWS[:3], "all four": VIEWS, "front": VIEWS[:1]}
 Numbers = dict[str, Any]
-
-
-def noisy(views: Sequence[View], head: Head, degrees: float, seed: int) -> list[View]:
-    """The views with their directions turned by Gaussian angles, the head's middle staying on its pixel (Z-E9)."""
-    rng = np.random.default_rng(seed)
-    centre = fit_scalp_space(head).centre
-    found = []
-    for view in views:
-        yaw, pitch = np.radians(rng.normal(0.0, degrees, 2))
-        pixel = project(view.camera, centre)[:2]
-        scale = float(view.camera.intrinsics[0, 0])
-        camera = turned_camera(
-            view.name, centre, float(yaw), float(pitch), scale, (pixel[0], pixel[1]), view.mask.shape
-        )
-        found.append(View(view.name, view.image, view.mask, camera))
-    return found
 
 
 def kept(path: Path, make: Any) -> Numbers:

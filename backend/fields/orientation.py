@@ -69,7 +69,7 @@ def orientation_map(
         require(mask.shape == grey.shape, f"the mask has {mask.shape} pixels, the image {grey.shape}")
         box = _box(mask, params.iterations * bank.shape[1] + math.ceil(3 * params.smooth))
         if box != (slice(0, grey.shape[0]), slice(0, grey.shape[1])):
-            return _within(box, image, mask, params)
+            return _within(box, grey, mask, params)
         grey = fill_pixels(grey, mask)
     angle = np.zeros(grey.shape, np.float32)
     confidence = np.zeros(grey.shape, np.float32)
@@ -95,11 +95,9 @@ def _box(mask: Bools, margin: int) -> tuple[slice, slice]:
     return found[0], found[1]
 
 
-def _within(
-    box: tuple[slice, slice], image: NDArray[np.uint8] | Float32, mask: Bools, params: OrientationParams
-) -> OrientationMap:
+def _within(box: tuple[slice, slice], grey: Float32, mask: Bools, params: OrientationParams) -> OrientationMap:
     """The map of a picture of which only a box matters; outside, angle and confidence are 0."""
-    part = orientation_map(image[box], mask[box], params)
+    part = orientation_map(grey[box], mask[box], params)
     angle, confidence = np.zeros(mask.shape, np.float32), np.zeros(mask.shape, np.float32)
     angle[box], confidence[box] = part.angle, part.confidence
     return OrientationMap(angle, confidence)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from ..fields.matting import find_face, first_guess, segment
 from ..geometry.head import default_head, read_head
 from ..geometry.scalp_guess import guess_scalp
 from ..io.images import read_image, read_mask
-from ..io.mesh import read_mesh_file
 from ..io.units import Units
 from ..progress import NO_PROGRESS, Progress
 from ..types import Bools, Camera, Head
@@ -68,12 +67,9 @@ def project_head(project: Project) -> Head:
     """
     if project.head is None:
         return default_head()
-    path, units = project.path(project.head), Units.parse(project.head_units) if project.head_units else None
-    head = read_head(path, units)
-    if project.scalp is None:
-        return guess_scalp(head)
-    everywhere, group = read_mesh_file(path, units), read_mesh_file(path, units, project.scalp)
-    return replace(head, scalp=np.isin(everywhere.polygon_in_file, group.polygon_in_file))
+    units = Units.parse(project.head_units) if project.head_units else None
+    head = read_head(project.path(project.head), units, scalp=project.scalp)
+    return guess_scalp(head) if project.scalp is None else head
 
 
 def find_mask(project: Project, view: ProjectView, image: UInt8) -> Bools:

@@ -14,7 +14,7 @@ from ..geometry.head import HeadSurface
 from ..geometry.scalp_space import fit_scalp_space
 from ..types import Bools, Camera, Float64, Head
 from .database import HairDatabase
-from .placement_search import LEVEL, Lead, placed_by_styles
+from .placement_search import LEVEL, Lead, mask_height, placed_by_styles, top_row, upper_middle
 
 Pixel = tuple[float, float]
 Landmarks = Mapping[str, Pixel]
@@ -216,7 +216,7 @@ def _scaled(camera: Camera, scale: float) -> Camera:
 
 def _scales(masks: Mapping[str, Bools], placed: Mapping[str, Camera], head: Head) -> dict[str, float]:
     """Pixels a metre of every view."""
-    heights = {name: float(np.ptp(np.flatnonzero(mask.any(axis=1))) + 1) for name, mask in masks.items()}
+    heights = {name: mask_height(mask) for name, mask in masks.items()}
     known = {name: camera.intrinsics[0, 0] / heights[name] for name, camera in placed.items() if name != "top"}
     if not known:
         known = {name: _scale_by_width(name, mask, head) / heights[name] for name, mask in masks.items()}
@@ -253,16 +253,12 @@ def _by_mask(
     space = fit_scalp_space(head)
     skull = head.vertices[head.vertices[:, 2] > space.centre[2]].astype(np.float64)
     middle = 0.5 * (skull.min(axis=0) + skull.max(axis=0))
-    rows = np.flatnonzero(mask.any(axis=1))
     if name == "top":
-        columns = np.flatnonzero(mask.any(axis=0))
-        pixel = (0.5 * (columns[0] + columns[-1] + 1), 0.5 * (rows[0] + rows[-1] + 1))
+        pixel = upper_middle(mask, mask.shape[0]), upper_middle(mask.T, mask.shape[1])
         return _shifted(standard_camera(name, middle, scale, (mask.shape[1], mask.shape[0])), middle, pixel)
     summit = _summit(head, masks, placed)
-    upper = mask[rows[0] : rows[0] + max(1, round(space.radius * scale))]
-    columns = np.flatnonzero(upper.any(axis=0))
     point = np.array([middle[0], middle[1], summit])
-    pixel = (0.5 * (columns[0] + columns[-1] + 1), float(rows[0]))
+    pixel = upper_middle(mask, space.radius * scale), top_row(mask)
     return _shifted(standard_camera(name, point, scale, (mask.shape[1], mask.shape[0])), point, pixel)
 
 
@@ -271,9 +267,8 @@ def _summit(head: Head, masks: Mapping[str, Bools], placed: Mapping[str, Camera]
     space = fit_scalp_space(head)
     for name, camera in placed.items():
         if name != "top":
-            row = float(np.flatnonzero(masks[name].any(axis=1))[0])
             pixel = project(camera, space.centre)
-            return float(space.centre[2] + (pixel[1] - row) / camera.intrinsics[0, 0])
+            return float(space.centre[2] + (pixel[1] - top_row(masks[name])) / camera.intrinsics[0, 0])
     return float(head.vertices[:, 2].max() + _THICKNESS * space.radius)
 
 

@@ -73,7 +73,7 @@ def placed_by_styles(
     radius = frame_of_head(head).radius
     kept = [style.masks for style in database.styles if style.name not in exclude]
     leading = _lead_choices(lead, masks[lead.name], radius)
-    tops = (leading.places[:, 0, 0, 2] - _top_row(masks[lead.name])) / leading.places[:, 0, 0, 0]
+    tops = (leading.places[:, 0, 0, 2] - top_row(masks[lead.name])) / leading.places[:, 0, 0, 0]
     choices = {lead.name: leading}
     reference = next((name for name in masks if name in _WHOLE and name != lead.name), lead.name)
     for name in masks:
@@ -115,12 +115,12 @@ def _follower_choices(
     name: str, mask: Bools, like: Bools, per_radius: float, leading: _Choices, tops: Float64
 ) -> _Choices:
     """All scales by the height of the mask `like`, whose scales are around `per_radius`, hung at the lead's tops."""
-    heights = _height(like) / (per_radius * _WIDE)
+    heights = mask_height(like) / (per_radius * _WIDE)
     shifts = _SHIFTS if name in ("left", "right") else np.zeros(1)
     one_scale = leading.places.shape[1] == 1
     expected = leading.places[:, 0, 0, :1] if one_scale else np.full((len(tops), 1), per_radius)
-    cost = _price(np.log(_height(like) / heights / expected) / _IN_SERIES)
-    return _Choices(_hanging(mask, _height(mask) / heights, tops, shifts), cost)
+    cost = _price(np.log(mask_height(like) / heights / expected) / _IN_SERIES)
+    return _Choices(_hanging(mask, mask_height(mask) / heights, tops, shifts), cost)
 
 
 def _price(deviations: Float64) -> Float64:
@@ -129,22 +129,24 @@ def _price(deviations: Float64) -> Float64:
 
 def _hanging(mask: Bools, per_radius: Float64, tops: Float64, shifts: Float64) -> Float64:
     """(T, K, J, 3): the mask's top on the hair's top, the middle of its upper part beside the head's by the shift."""
-    middles = np.array([_middle(mask, depth) for depth in per_radius])
+    middles = np.array([upper_middle(mask, depth) for depth in per_radius])
     size, top, shift = np.broadcast_arrays(per_radius[:, None], tops[:, None, None], shifts)
-    return np.stack([size, middles[:, None] + shift * size, _top_row(mask) + top * size], axis=-1)
+    return np.stack([size, middles[:, None] + shift * size, top_row(mask) + top * size], axis=-1)
 
 
-def _top_row(mask: Bools) -> float:
+def top_row(mask: Bools) -> float:
+    """The uppermost row of a mask (H, W)."""
     return float(np.flatnonzero(mask.any(axis=1))[0])
 
 
-def _height(mask: Bools) -> float:
+def mask_height(mask: Bools) -> float:
+    """Rows from the first to the last of a mask (H, W)."""
     return float(np.ptp(np.flatnonzero(mask.any(axis=1))) + 1)
 
 
-def _middle(mask: Bools, depth: float) -> float:
+def upper_middle(mask: Bools, depth: float) -> float:
     """The column of the middle of the mask's uppermost `depth` pixels."""
-    first = int(_top_row(mask))
+    first = int(top_row(mask))
     columns = np.flatnonzero(mask[first : first + max(1, round(depth))].any(axis=0))
     return 0.5 * float(columns[0] + columns[-1] + 1)
 

@@ -15,7 +15,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..errors import require
-from ..io.mesh import read_mesh
+from ..io.mesh import read_mesh_file
 from ..io.units import Units
 from ..types import Bools, Float32, Float64, Floats, Head, Int32
 from ._head_kernels import add_fan_winding
@@ -163,8 +163,10 @@ def default_head() -> Head:
         return Head(fields["vertices"], fields["triangles"], fields["scalp"], fields["corner_uv"])
 
 
-def read_head(path: str | os.PathLike[str], units: Units | None = None, *, group: str | None = None) -> Head:
-    """Read a head from an .obj file; its scalp is unmarked, all False (see `find_scalp`).
+def read_head(
+    path: str | os.PathLike[str], units: Units | None = None, *, group: str | None = None, scalp: str | None = None
+) -> Head:
+    """Read a head from an .obj file; its scalp is unmarked, all False (see `find_scalp`), unless the file has it.
 
     Without texture coordinates in the file each triangle gets a place of its own in the unit square: good for attaching
     curves, not for painting (`unwrap` makes real charts, in seconds).
@@ -172,16 +174,18 @@ def read_head(path: str | os.PathLike[str], units: Units | None = None, *, group
     Parameters
     ----------
     path : an .obj file. units : its unit and axes; None for the format's usual ones.
-    group : read only this group or object of the file.
+    group : read only this group or object of the file. scalp : the group whose faces hair grows on.
 
     Raises
     ------
-    FileError : the file cannot be read. InputError : it has no faces.
+    FileError : the file cannot be read, or has no such group. InputError : it has no faces.
     """
-    vertices, triangles, corner_uv = read_mesh(path, units, group)
-    if corner_uv is None:
-        corner_uv = pack_triangles(len(triangles))
-    return Head(vertices, triangles, np.zeros(len(triangles), np.bool_), corner_uv)
+    mesh = read_mesh_file(path, units, group)
+    marked = np.zeros(len(mesh.triangles), np.bool_)
+    if scalp is not None:
+        marked = np.isin(mesh.polygon_in_file, read_mesh_file(path, units, scalp).polygon_in_file)
+    corner_uv = pack_triangles(len(mesh.triangles)) if mesh.corner_uv is None else mesh.corner_uv
+    return Head(mesh.vertices, mesh.triangles, marked, corner_uv)
 
 
 def pack_triangles(count: int) -> Float32:

@@ -23,9 +23,12 @@ from hairloom.cli import StageClock
 from hairloom.cli_fourview import StageProgress
 from hairloom.fourview.database import HairDatabase, open_database
 from hairloom.fourview.pipeline import FourViewParams, FourViewResult, model_hair
+from hairloom.fourview.placement import turned_camera
 from hairloom.fourview.quality import mask_iou, orientation_error
 from hairloom.fourview.views import View
+from hairloom.geometry.camera import project
 from hairloom.geometry.scalp_guess import guess_scalp
+from hairloom.geometry.scalp_space import fit_scalp_space
 from hairloom.geometry.strand_raster import StrandRaster, hair_mask, raster_strands
 from hairloom.geometry.strand_scores import strand_scores
 from hairloom.geometry.view_raster import raster_mesh
@@ -55,6 +58,22 @@ def load_head(folder: Path) -> tuple[Head, dict[str, Camera]]:
     if folder.name in _REAL:
         head = guess_scalp(replace(head, scalp=np.zeros_like(head.scalp)))
     return head, seen["cameras"]
+
+
+def noisy(views: Sequence[View], head: Head, degrees: float, seed: int) -> list[View]:
+    """The views with their directions turned by Gaussian angles, the head's middle staying on its pixel (Z-E9)."""
+    rng = np.random.default_rng(seed)
+    centre = fit_scalp_space(head).centre
+    found = []
+    for view in views:
+        yaw, pitch = np.radians(rng.normal(0.0, degrees, 2))
+        pixel = project(view.camera, centre)[:2]
+        scale = float(view.camera.intrinsics[0, 0])
+        camera = turned_camera(
+            view.name, centre, float(yaw), float(pitch), scale, (pixel[0], pixel[1]), view.mask.shape
+        )
+        found.append(View(view.name, view.image, view.mask, camera))
+    return found
 
 
 def own_family(database: HairDatabase, groom: str) -> tuple[str, ...]:

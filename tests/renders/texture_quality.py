@@ -27,28 +27,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from evaluate import VIEWS, load_head, load_views, noisy, own_family
+from hairloom.fourview.database import HairDatabase, open_database
+from hairloom.fourview.directions import reduced
+from hairloom.fourview.pipeline import FourViewParams, rough_shape
+from hairloom.fourview.projection import ViewsOnTexels, fill_holes, project_views, sample_view
+from hairloom.fourview.regions import axes_of, make_graph, outer_products, smooth
+from hairloom.fourview.shape import RoughShape
+from hairloom.fourview.surface import HairSurface, make_surface
+from hairloom.fourview.tangent_filter import texel_orientations
+from hairloom.fourview.texels import TexelMap
+from hairloom.fourview.texture import synthesize_texture
+from hairloom.fourview.views import View
+from hairloom.geometry.camera import orthographic_camera
+from hairloom.geometry.strand_raster import raster_strands
+from hairloom.io.bundle import read_bundle
+from hairloom.types import Bools, Float32, Head, StrandSet
 from scipy.spatial import cKDTree
-
-ROOT = Path(__file__).resolve().parent.parent.parent
-sys.path[:0] = [str(ROOT / "tests" / "renders"), str(ROOT / "docs")]
-
-from evaluate import VIEWS, load_head, load_views, own_family  # noqa: E402
-from figure_fourview import noisy  # noqa: E402
-from hairloom.fourview.database import HairDatabase, open_database  # noqa: E402
-from hairloom.fourview.directions import reduced  # noqa: E402
-from hairloom.fourview.pipeline import FourViewParams, rough_shape  # noqa: E402
-from hairloom.fourview.projection import ViewsOnTexels, fill_holes, project_views, sample_view  # noqa: E402
-from hairloom.fourview.regions import axes_of, make_graph, outer_products, smooth  # noqa: E402
-from hairloom.fourview.shape import RoughShape  # noqa: E402
-from hairloom.fourview.surface import HairSurface, make_surface  # noqa: E402
-from hairloom.fourview.tangent_filter import texel_orientations  # noqa: E402
-from hairloom.fourview.texels import TexelMap  # noqa: E402
-from hairloom.fourview.texture import synthesize_texture  # noqa: E402
-from hairloom.fourview.views import View  # noqa: E402
-from hairloom.geometry.camera import orthographic_camera  # noqa: E402
-from hairloom.geometry.strand_raster import raster_strands  # noqa: E402
-from hairloom.io.bundle import read_bundle  # noqa: E402
-from hairloom.types import Bools, Float32, Head, StrandSet  # noqa: E402
 
 NEAR = 0.006  # metres from a texel to the hair that it is compared with
 N_NEAREST = 8  # strand pieces whose mean is the truth
